@@ -21,7 +21,6 @@ struct EngineQueue {
 /// The engine of one GPU: each of its parts does one job on the stream that they share. Engines that Share() made have
 /// the device in common.
 class CudaDepthEngine final : private EngineQueue,
-                              public DepthEngine,
                               public CudaPrior,
                               public CudaPasses,
                               public CudaFill,

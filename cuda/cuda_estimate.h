@@ -3,7 +3,7 @@
 #include <memory>
 #include <mutex>
 
-#include "acmp_mapping/engine/matching_engine.h"
+#include "acmp_mapping/engine/engine_problem.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "device_queue.h"
 

@@ -4,7 +4,7 @@
 #include <mutex>
 #include <vector>
 
-#include "acmp_mapping/engine/matching_engine.h"
+#include "acmp_mapping/engine/engine_problem.h"
 #include "device_queue.h"
 
 namespace acmp {
@@ -43,7 +43,7 @@ struct CudaImage final : EngineImage {
   }
 };
 
-/// See MatchingEngine::Load.
+/// See DepthEngine::Load.
 EngineImagePtr LoadImage(const FramePtr& frame, int levels, DeviceQueue* queue);
 
 /// The view's colours on the device; empty where the frame has none.

@@ -3,7 +3,6 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/fill/kernel/fill_grid.h"
 #include "acmp_mapping/fill/kernel/fill_pixel.h"
-#include "acmp_mapping/fill/kernel/fit_seed.h"
 #include "acmp_mapping/fill/kernel/free_space.h"
 #include "cuda_resources.h"
 #include "warp_group.h"
@@ -22,14 +21,14 @@ dim3 GridFor(const ImageView<T>& image) {
 __device__ int Col() { return static_cast<int>(blockIdx.x * kBlockWidth + threadIdx.x); }
 __device__ int Row() { return static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y); }
 
-__global__ void LookKernel(const __grid_constant__ DeviceFusionContext views, ImageView<ViewSupport> support) {
+__global__ void LookKernel(const __grid_constant__ FusionContext views, ImageView<ViewSupport> support) {
   const int col = Col(), row = Row();
   if (support.Contains(col, row)) support(col, row) = CountSupportingViews(views, col, row);
 }
 
-__global__ void LookAgainKernel(const __grid_constant__ DeviceFusionContext views, ImageView<ViewSupport> support) {
+__global__ void LookAgainKernel(const __grid_constant__ FusionContext views, ImageView<ViewSupport> support) {
   const int col = Col(), row = Row();
-  if (!support.Contains(col, row) || !IsFilled(views.reference.Cost(col, row))) return;
+  if (!support.Contains(col, row) || !IsFilled(views.reference.cost(col, row))) return;
   support(col, row) = CountSupportingViews(views, col, row);
 }
 
@@ -100,8 +99,7 @@ void LaunchFindNearestSeed(const FillContext& context, cudaStream_t stream) {
 
 }  // namespace
 
-void LaunchLook(const DeviceFusionContext& sources, const ImageView<ViewSupport>& support, cudaStream_t stream) {
-  CheckRange("number of source views on a GPU", sources.num_sources, 0, kMaxCudaFusionSources);
+void LaunchLook(const FusionContext& sources, const ImageView<ViewSupport>& support, cudaStream_t stream) {
   LookKernel<<<GridFor(support), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(sources, support);
   CudaCheck(cudaGetLastError(), "launch look at the sources");
 }
@@ -119,9 +117,8 @@ void LaunchFill(const FillContext& context, cudaStream_t stream) {
   CudaCheck(cudaGetLastError(), "launch completion");
 }
 
-void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<ViewSupport>& support,
+void LaunchWeightedMedian(const FusionContext& views, const ImageView<ViewSupport>& support,
                           const MedianContext& context, cudaStream_t stream) {
-  CheckRange("number of source views on a GPU", views.num_sources, 0, kMaxCudaFusionSources);
   const dim3 block(kBlockWidth, kBlockHeight);
   LookAgainKernel<<<GridFor(support), block, 0, stream>>>(views, support);
   CudaCheck(cudaGetLastError(), "launch second look at the sources");

@@ -9,10 +9,10 @@
 namespace acmp {
 
 /// Queues CountSupportingViews for all pixels, the first step of FillUnverified. All pointers are device memory, as
-/// below. Throws InvalidInputError for more than kMaxCudaFusionSources sources.
+/// below.
 /// @param sources compares the reference's maps as they were before
 /// @param view support of the reference's size
-void LaunchLook(const DeviceFusionContext& sources, const ImageView<ViewSupport>& support, cudaStream_t stream);
+void LaunchLook(const FusionContext& sources, const ImageView<ViewSupport>& support, cudaStream_t stream);
 
 /// Queues the rest of FillUnverified.
 void LaunchFill(const FillContext& context, cudaStream_t stream);
@@ -20,7 +20,7 @@ void LaunchFill(const FillContext& context, cudaStream_t stream);
 /// Queues the weighted median of the completed maps.
 /// @param views compares the completed reference
 /// @param view support the same as the context's: of the reference before it was completed
-void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<ViewSupport>& support,
+void LaunchWeightedMedian(const FusionContext& views, const ImageView<ViewSupport>& support,
                           const MedianContext& context, cudaStream_t stream);
 
 /// Queues RemoveUnsupported.

@@ -46,30 +46,29 @@ __device__ void WritePoint(bool accepted, const SurfacePoint& point, size_t in_r
   output.accepted[in_range] = accepted ? 1 : 0;
 }
 
-__global__ void __launch_bounds__(kPointThreads) OddsKernel(const __grid_constant__ DeviceFusionContext context,
-                                                            const PixelRange range, const ImageView<float> log_odds) {
+__global__ void __launch_bounds__(kPointThreads)
+    OddsKernel(const __grid_constant__ FusionContext context, const PixelRange range, const ImageView<float> log_odds) {
   PixelPlace place;
   if (!FindPixel(range, log_odds.width, &place)) return;
   log_odds(place.col, place.row) = LogOdds(context, place.col, place.row);
 }
 
 __global__ void __launch_bounds__(kPointThreads)
-    FilterKernel(const __grid_constant__ DeviceFusionContext context, const PixelRange range,
+    FilterKernel(const __grid_constant__ FusionContext context, const PixelRange range,
                  const ImageView<float> confidence, const PointOutput output) {
   PixelPlace place;
   if (!FindPixel(range, confidence.width, &place)) return;
   SurfacePoint point = {};
-  const bool accepted =
-      CheckPixel<kMaxCudaFusionSources>(context, place.col, place.row, &confidence(place.col, place.row), &point);
+  const bool accepted = CheckPixel(context, place.col, place.row, &confidence(place.col, place.row), &point);
   WritePoint(accepted, point, place.in_range, output);
 }
 
 __global__ void __launch_bounds__(kPointThreads)
-    FuseKernel(const __grid_constant__ DeviceFusionContext context, const PixelRange range, const PointOutput output) {
+    FuseKernel(const __grid_constant__ FusionContext context, const PixelRange range, const PointOutput output) {
   PixelPlace place;
   if (!FindPixel(range, context.stamps.width, &place)) return;
   SurfacePoint point = {};
-  const bool accepted = FusePixel<kMaxCudaFusionSources>(context, place.col, place.row, &point);
+  const bool accepted = FusePixel(context, place.col, place.row, &point);
   WritePoint(accepted, point, place.in_range, output);
 }
 
@@ -90,8 +89,7 @@ size_t PointScratchBytes(size_t pixels) {
   return bytes;
 }
 
-DeviceFusionContext LaunchOdds(DeviceFusionContext context, float* log_odds, cudaStream_t stream) {
-  CheckRange("number of source views on a GPU", context.num_sources, 0, kMaxCudaFusionSources);
+FusionContext LaunchOdds(FusionContext context, float* log_odds, cudaStream_t stream) {
   const int width = context.reference.depth.width, height = context.reference.depth.height;
   const PixelRange all = {0, static_cast<size_t>(width) * height};
   OddsKernel<<<NumBlocks(all.count), kPointThreads, 0, stream>>>(context, all, {log_odds, width, height, width});
@@ -100,7 +98,7 @@ DeviceFusionContext LaunchOdds(DeviceFusionContext context, float* log_odds, cud
   return context;
 }
 
-void LaunchFilterByConsistency(const DeviceFusionContext& context, const PixelRange& range,
+void LaunchFilterByConsistency(const FusionContext& context, const PixelRange& range,
                                const ImageView<float>& confidence, const PointOutput& output, cudaStream_t stream) {
   FilterKernel<<<NumBlocks(range.count), kPointThreads, 0, stream>>>(context, range, confidence, output);
   CudaCheck(cudaGetLastError(), "launch consistency check");
@@ -108,7 +106,7 @@ void LaunchFilterByConsistency(const DeviceFusionContext& context, const PixelRa
   if (output.of_pixels != nullptr) GatherPoints(output, range.count, &bytes, stream);
 }
 
-void LaunchFuseView(const DeviceFusionContext& context, const PixelRange& range, const PointOutput& output,
+void LaunchFuseView(const FusionContext& context, const PixelRange& range, const PointOutput& output,
                     cudaStream_t stream) {
   FuseKernel<<<NumBlocks(range.count), kPointThreads, 0, stream>>>(context, range, output);
   CudaCheck(cudaGetLastError(), "launch fusion");

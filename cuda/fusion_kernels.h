@@ -7,14 +7,6 @@
 
 namespace acmp {
 
-/// Maps as the matcher leaves them on the device: `normal` holds its planes.
-using DeviceFusionView = FusionMaps<PlaneHypothesis>;
-using DeviceFusionSource = FusionSource<DeviceFusionView>;
-using DeviceFusionContext = FusionContext<DeviceFusionView>;
-
-/// As many as the matcher takes.
-constexpr int kMaxCudaFusionSources = 32;
-
 /// Pixels of the reference, in row-major order, whose points one launch makes.
 struct PixelRange {
   size_t first, count;
@@ -34,18 +26,17 @@ struct PointOutput {
 /// Bytes of scratch memory to gather the points of so many pixels.
 size_t PointScratchBytes(size_t pixels);
 
-/// Queues LogOdds of all pixels of the reference into `log_odds`, device memory. Throws InvalidInputError for
-/// more than kMaxCudaFusionSources sources.
+/// Queues LogOdds of all pixels of the reference into `log_odds`, device memory.
 /// @return the context with them, for the launches below
-DeviceFusionContext LaunchOdds(DeviceFusionContext context, float* log_odds, cudaStream_t stream);
+FusionContext LaunchOdds(FusionContext context, float* log_odds, cudaStream_t stream);
 
 /// Queues FilterByConsistency of a range: fills it in the map of confidences, of the reference's size. All pointers in
 /// the context are device memory; its stamps are null.
-void LaunchFilterByConsistency(const DeviceFusionContext& context, const PixelRange& range,
+void LaunchFilterByConsistency(const FusionContext& context, const PixelRange& range,
                                const ImageView<float>& confidence, const PointOutput& output, cudaStream_t stream);
 
-/// Queues FusionEngine::FuseView of a range. Stamps of all views start at kUnfusedStamp and go on from view to view.
-void LaunchFuseView(const DeviceFusionContext& context, const PixelRange& range, const PointOutput& output,
+/// Queues DepthEngine::FuseView of a range. Stamps of all views start at kUnfusedStamp and go on from view to view.
+void LaunchFuseView(const FusionContext& context, const PixelRange& range, const PointOutput& output,
                     cudaStream_t stream);
 
 }  // namespace acmp

@@ -1,8 +1,7 @@
 #include <atomic>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/engine/estimate_transfer.h"
-#include "acmp_mapping/engine/matching_engine.h"
+#include "acmp_mapping/engine/depth_engine.h"
 #include "acmp_mapping/patch_match/match_setup.h"
 
 namespace acmp {
@@ -18,6 +17,19 @@ MatchView MakeMatchView(const EngineView& view) {
 
 void CheckView(const char* name, const EngineView& view) {
   if (!view.frame || !view.image) throw InvalidInputError(Concat(name, ": frame and image must not be null"));
+}
+
+PosedCamera PosedCameraOf(const std::string& name, const EngineView& view) {
+  if (!view.frame) throw InvalidInputError(name + ": frame must not be null");
+  CheckCamera(name.c_str(), view.frame->camera);
+  CheckPose(name.c_str(), view.cam_from_world());
+  return {view.frame->camera, view.cam_from_world()};
+}
+
+FusionMaps CheckedMaps(const std::string& name, const FusionMaps& maps, const PinholeCamera& camera) {
+  CheckSize((name + ": estimate").c_str(), maps.depth.width, maps.depth.height, camera);
+  if (!maps.color.empty()) CheckSize((name + ": colours").c_str(), maps.color.width, maps.color.height, camera);
+  return maps;
 }
 
 }  // namespace
@@ -86,6 +98,24 @@ PatchMatchProblem MakePatchMatchProblem(const EngineProblem& problem, int level)
   result.reference.camera = CameraAtLevel(result.reference.camera, level);
   for (MatchView& source : result.sources) source.camera = CameraAtLevel(source.camera, level);
   return result;
+}
+
+FusionSetup SetUpFusion(const EngineView& reference, const std::vector<EngineView>& sources, const FusionLimits& limits,
+                        const std::function<FusionMaps(const EngineView&)>& maps_of,
+                        const std::function<ImageView<Stamp>(const Frame&)>& stamps_of, Stamp current) {
+  CheckRange("number of source views", static_cast<int>(sources.size()), 0, kMaxFusionSources);
+  const PosedCamera camera = PosedCameraOf("reference view", reference);
+  FusionSetup setup(camera, CheckedMaps("reference view", maps_of(reference), camera.camera), limits,
+                    stamps_of ? camera.cam_from_world.inverse() : RigidTransform::Identity());
+  if (stamps_of) setup.SetStamps(stamps_of(*reference.frame), current);
+  for (size_t i = 0; i < sources.size(); ++i) {
+    if (!sources[i].estimate) continue;
+    const std::string name = Concat("source view ", i);
+    const PosedCamera source = PosedCameraOf(name, sources[i]);
+    setup.AddSource(source, CheckedMaps(name, maps_of(sources[i]), source.camera),
+                    stamps_of ? stamps_of(*sources[i].frame) : ImageView<Stamp>());
+  }
+  return setup;
 }
 
 void CheckUpload(const EstimateState& state, const PinholeCamera& camera) {

@@ -11,7 +11,6 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/fill/fill.h"
-#include "acmp_mapping/fusion/fusion_setup.h"
 #include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/restore_detail.h"
@@ -42,7 +41,6 @@ struct HostEstimate final : EngineEstimate {
   PlaneMap planes;
   CostMap cost;
   DepthMap depth;
-  NormalMap normal;
 };
 
 struct HostStamps final : FusionStamps {
@@ -121,30 +119,9 @@ Image<T> CopyOf(const ImageView<const T>& view) {
   return image;
 }
 
-PlaneMap PlanesFrom(const DepthMap& depth, const NormalMap& normal, const PinholeCamera& camera) {
-  const RayGrid rays = MakeRayGrid(camera);
-  PlaneMap planes(camera.width, camera.height);
-  tbb::parallel_for(0, camera.height, [&](int row) {
-    for (int col = 0; col < camera.width; ++col) {
-      const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
-      if (depth(col, row) > 0) planes(col, row) = PlaneThrough(normal(col, row), ray, depth(col, row));
-    }
-  });
-  return planes;
-}
-
-FusionView MakeFusionView(const EngineView& view) {
-  if (!view.frame) throw InvalidInputError("frame: must not be null");
-  FusionView result;
-  result.camera = view.frame->camera;
-  result.cam_from_world = view.cam_from_world();
-  if (!view.estimate) return result;
+FusionMaps MapsOf(const EngineView& view) {
   const HostEstimate& estimate = Cast<HostEstimate>(view.estimate);
-  result.depth = estimate.depth.View();
-  result.normal = estimate.normal.View();
-  result.cost = estimate.cost.View();
-  result.color = view.frame->color.View();
-  return result;
+  return {estimate.depth.View(), estimate.planes.View(), estimate.cost.View(), view.frame->color.View()};
 }
 
 }  // namespace
@@ -231,16 +208,12 @@ EngineEstimatePtr HostDepthEngine::RestoreDetails(const EngineProblem& problem, 
 EngineEstimatePtr HostDepthEngine::FillUnverified(const EngineProblem& problem, EngineEstimatePtr start,
                                                   const FillOptions& options) {
   const HostEstimate& from = Cast<HostEstimate>(start);
-  EngineView view = problem.reference;
-  view.estimate = start;
-  const FusionView reference = MakeFusionView(view);
-  std::vector<FusionView> sources;
-  sources.reserve(problem.sources.size());
-  for (const EngineView& source : problem.sources) sources.push_back(MakeFusionView(source));
-  const PinholeCamera& camera = problem.reference.frame->camera;
-  return Keep(camera, [&] {
+  EngineView reference = problem.reference;
+  reference.estimate = start;
+  const FusionSetup setup = SetUpFusion(reference, problem.sources, ConsistencyLimits(), MapsOf);
+  return Keep(setup.camera(), [&] {
     EstimateState state = {from.planes.Clone(), from.cost.Clone()};
-    acmp::FillUnverified(reference, sources, problem.depth_range, options, state.planes.View(), state.cost.View());
+    acmp::FillUnverified(setup, problem.depth_range, options, state.planes.View(), state.cost.View());
     return state;
   });
 }
@@ -259,11 +232,12 @@ EngineEstimatePtr HostDepthEngine::RemoveUnsupported(const EngineProblem& proble
 ConsistencyResult HostDepthEngine::FilterByConsistency(const EngineView& reference,
                                                        const std::vector<EngineView>& sources,
                                                        const FusionOptions& options) {
-  Cast<HostEstimate>(reference.estimate);  // of the sources null is allowed: they take no part then
-  std::vector<FusionView> views;
-  views.reserve(sources.size());
-  for (const EngineView& source : sources) views.push_back(MakeFusionView(source));
-  return acmp::FilterByConsistency(MakeFusionView(reference), views, options);
+  return acmp::FilterByConsistency(SetUpFusion(reference, sources, MakeFusionLimits(options), MapsOf));
+}
+
+PointLosses HostDepthEngine::CountLosses(const EngineView& reference, const std::vector<EngineView>& sources,
+                                         const FusionOptions& options, int step) {
+  return CountPointLosses(SetUpFusion(reference, sources, MakeFusionLimits(options), MapsOf), step);
 }
 
 std::unique_ptr<FusionStamps> HostDepthEngine::MakeFusionStamps() { return std::make_unique<HostStamps>(); }
@@ -271,20 +245,9 @@ std::unique_ptr<FusionStamps> HostDepthEngine::MakeFusionStamps() { return std::
 PointCloud HostDepthEngine::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
                                      const FusionOptions& options, int rank, FusionStamps* stamps) {
   HostStamps& host_stamps = CastHostStamps(stamps);
-  const Stamp stamp = StampOfRank(rank);
-  Cast<HostEstimate>(reference.estimate);
-  const FusionView view = MakeFusionView(reference);
-  FusionSetup<FusionMaps<Vec3f>> setup(CameraOf(view), MapsOf(view), MakeFusionLimits(options),
-                                       view.cam_from_world.inverse());
-  setup.SetStamps(host_stamps.Of(*reference.frame), stamp);
-  for (const EngineView& source : sources) {
-    const FusionView source_view = MakeFusionView(source);
-    if (source_view.depth.empty()) continue;
-    setup.AddSource(CameraOf(source_view), MapsOf(source_view), host_stamps.Of(*source.frame));
-  }
-  PointCloud points;
-  acmp::FuseView(setup, &points);
-  return points;
+  const auto stamps_of = [&](const Frame& frame) { return host_stamps.Of(frame); };
+  return acmp::FuseView(
+      SetUpFusion(reference, sources, MakeFusionLimits(options), MapsOf, stamps_of, StampOfRank(rank)));
 }
 
 Image<unsigned char> HostDepthEngine::FusedPixels(const Frame& frame, FusionStamps* stamps) {
@@ -298,7 +261,7 @@ void HostDepthEngine::SetFusedPixels(const Frame& frame, const Image<unsigned ch
 
 EstimateMaps HostDepthEngine::Download(const EngineEstimatePtr& estimate) {
   const HostEstimate& host = Cast<HostEstimate>(estimate);
-  return {host.depth.Clone(), host.normal.Clone(), host.cost.Clone()};
+  return {host.depth.Clone(), ToNormalMap(host.planes), host.cost.Clone()};
 }
 
 DepthMap HostDepthEngine::DownloadDepth(const EngineEstimatePtr& estimate) {
@@ -316,7 +279,6 @@ EngineEstimatePtr HostDepthEngine::UploadState(EstimateState state, const Pinhol
   estimate->planes = std::move(state.planes);
   estimate->cost = std::move(state.cost);
   estimate->depth = ToDepthMap(estimate->planes, camera);
-  estimate->normal = ToNormalMap(estimate->planes);
   return estimate;
 }
 
@@ -324,9 +286,16 @@ EngineEstimatePtr HostDepthEngine::UploadMaps(const EstimateMapViews& maps, cons
   CheckUpload(maps, camera);
   auto estimate = std::make_shared<HostEstimate>();
   estimate->depth = CopyOf(maps.depth);
-  estimate->normal = CopyOf(maps.normal);
   estimate->cost = CopyOf(maps.cost);
-  estimate->planes = PlanesFrom(estimate->depth, estimate->normal, camera);
+  estimate->planes = PlaneMap(camera.width, camera.height);
+  const RayGrid rays = MakeRayGrid(camera);
+  tbb::parallel_for(0, camera.height, [&](int row) {
+    for (int col = 0; col < camera.width; ++col) {
+      const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
+      const float depth = maps.depth(col, row);
+      if (depth > 0) estimate->planes(col, row) = PlaneThrough(maps.normal(col, row), ray, depth);
+    }
+  });
   return estimate;
 }
 

@@ -7,13 +7,10 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/fill/kernel/fill_grid.h"
 #include "acmp_mapping/fill/kernel/fill_pixel.h"
-#include "acmp_mapping/fill/kernel/fit_seed.h"
 #include "acmp_mapping/fill/kernel/weighted_median.h"
 
 namespace acmp {
 namespace {
-
-using HostMaps = FusionMaps<Vec3f>;
 
 /// Calls function(col, row) for all pixels or cells, rows in parallel.
 template <class Function>
@@ -30,8 +27,8 @@ void FindAllNearestSeeds(const FillContext& context) {
   });
 }
 
-Image<ViewSupport> CountAllSupportingViews(const FusionSetup<HostMaps>& setup) {
-  const FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+Image<ViewSupport> CountAllSupportingViews(const FusionSetup& setup) {
+  const FusionContext context = setup.Context(setup.sources().data());
   Image<ViewSupport> support(context.reference.depth.width, context.reference.depth.height);
   ForEach(support.width(), support.height(),
           [&](int col, int row) { support(col, row) = CountSupportingViews(context, col, row); });
@@ -40,7 +37,7 @@ Image<ViewSupport> CountAllSupportingViews(const FusionSetup<HostMaps>& setup) {
 
 /// WeightedMedianPixel for all pixels of the completed reference.
 /// @param view support of the reference as it was before; become those of the completed one
-void FilterByMedian(const FusionSetup<HostMaps>& setup, const FillContext& filled, Image<ViewSupport>* support) {
+void FilterByMedian(const FusionSetup& setup, const FillContext& filled, Image<ViewSupport>* support) {
   const ImageView<PlaneHypothesis>& planes = filled.planes;
   const int width = planes.width, height = planes.height;
   DepthMap depth(width, height);
@@ -49,7 +46,7 @@ void FilterByMedian(const FusionSetup<HostMaps>& setup, const FillContext& fille
     if (!(plane.d > 0)) return;
     depth(col, row) = PlaneDepth(plane, filled.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
   });
-  FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  FusionContext context = setup.Context(setup.sources().data());
   context.reference.depth = depth.View();  // CountSupportingViews reads no normals
   context.reference.cost = filled.cost;
   PlaneMap filtered(width, height);
@@ -92,6 +89,7 @@ int StrongViews(int num_sources) { return std::min(SeedViews(num_sources) + 1, (
 
 FillContext MakeFillContext(const PinholeCamera& camera, const DepthRange& range, const FillOptions& options,
                             int num_sources) {
+  CheckDepthRange("depth range of the completion", range);
   FillContext context = {};
   context.rays = MakeRayGrid(camera);
   context.depth_min = range.min;
@@ -103,18 +101,11 @@ FillContext MakeFillContext(const PinholeCamera& camera, const DepthRange& range
   return context;
 }
 
-void FillUnverified(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,
-                    const FillOptions& options, ImageView<PlaneHypothesis> planes, ImageView<float> cost) {
-  CheckDepthRange("depth range of the completion", range);
-  CheckConsistencyInput(reference, sources, kMaxFusionSources);
-  FusionSetup<HostMaps> setup(CameraOf(reference), MapsOf(reference), ConsistencyLimits(), RigidTransform::Identity());
-  for (const FusionView& source : sources) {
-    if (!source.depth.empty()) setup.AddSource(CameraOf(source), MapsOf(source));
-  }
+void FillUnverified(const FusionSetup& setup, const DepthRange& range, const FillOptions& options,
+                    const ImageView<PlaneHypothesis>& planes, const ImageView<float>& cost) {
+  FillContext context = MakeFillContext(setup.camera(), range, options, static_cast<int>(setup.sources().size()));
   if (setup.sources().empty()) return;
-
   Image<ViewSupport> support = CountAllSupportingViews(setup);
-  FillContext context = MakeFillContext(reference.camera, range, options, static_cast<int>(setup.sources().size()));
   const int cell_cols = CellsOf(planes.width, context.cell_size), cell_rows = CellsOf(planes.height, context.cell_size);
   Image<SeedCell> seeds(cell_cols, cell_rows), fitted(cell_cols, cell_rows);
   Image<NearestSeeds> nearest(cell_cols, cell_rows);

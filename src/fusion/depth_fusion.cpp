@@ -2,25 +2,121 @@
 
 #include <tbb/parallel_for.h>
 
-#include "acmp_mapping/fusion/fusion_setup.h"
+#include <Eigen/LU>
+#include <cmath>
+
+#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/fusion/kernel/fuse_pixel.h"
+#include "acmp_mapping/geometry/vector_conversion.h"
 
 namespace acmp {
 namespace {
 
-using HostMaps = FusionMaps<Vec3f>;
+constexpr double kPi = 3.14159265358979323846;
 
-/// add_points(row, &points) for all rows, in parallel; appends the points in the order of the rows.
-template <class AddPoints>
-void CollectRows(int height, const AddPoints& add_points, PointCloud* points) {
-  std::vector<PointCloud> points_of_row(height);
-  tbb::parallel_for(0, height, [&](int row) { add_points(row, &points_of_row[row]); });
-  for (const PointCloud& row : points_of_row) points->insert(points->end(), row.begin(), row.end());
+ReferenceGeometry MakeReferenceGeometry(const PosedCamera& reference, const RigidTransform& target_from_reference) {
+  const Eigen::Matrix3d rotation = target_from_reference.linear();
+  return {ToMat3d(rotation * reference.camera.K().inverse()), ToMat3d(rotation),
+          ToVec3d(target_from_reference.translation())};
+}
+
+SourceGeometry MakeSourceGeometry(const PosedCamera& reference, const PosedCamera& source,
+                                  const RigidTransform& target_from_reference) {
+  const RigidTransform reference_from_source = reference.cam_from_world * source.cam_from_world.inverse();
+  const RigidTransform source_from_reference = source.cam_from_world * reference.cam_from_world.inverse();
+  const RigidTransform target_from_source = target_from_reference * reference_from_source;
+  const Eigen::Matrix3d reference_k = reference.camera.K(), source_k = source.camera.K();
+  SourceGeometry geometry;
+  geometry.to_source = ToMat3d(source_k * source_from_reference.linear() * reference_k.inverse());
+  geometry.to_source_offset = ToVec3d(source_k * source_from_reference.translation());
+  geometry.to_reference = ToMat3d(reference_k * reference_from_source.linear() * source_k.inverse());
+  geometry.to_reference_offset = ToVec3d(reference_k * reference_from_source.translation());
+  geometry.target_from_camera = ToMat3d(target_from_source.linear());
+  geometry.center = ToVec3d(target_from_source.translation());
+  geometry.rays = MakeRayGrid(source.camera);
+  return geometry;
+}
+
+/// The points of all pixels that become some, in row-major order: make_point(context, col, row, &point) says whether
+/// one does.
+template <class MakePoint>
+PointCloud CollectPoints(const FusionSetup& setup, const MakePoint& make_point) {
+  FusionContext context = setup.Context(setup.sources().data());
+  const Image<float> log_odds = MeasureOdds(context);
+  context.log_odds = log_odds.View();
+  std::vector<PointCloud> points_of_row(static_cast<size_t>(log_odds.height()));
+  tbb::parallel_for(0, log_odds.height(), [&](int row) {
+    SurfacePoint point;
+    for (int col = 0; col < log_odds.width(); ++col) {
+      if (make_point(context, col, row, &point)) points_of_row[static_cast<size_t>(row)].push_back(point);
+    }
+  });
+  PointCloud points;
+  for (const PointCloud& row : points_of_row) points.insert(points.end(), row.begin(), row.end());
+  return points;
 }
 
 }  // namespace
 
-Image<float> MeasureOdds(const FusionContext<HostMaps>& context) {
+void Validate(const FusionOptions& options) {
+  if (!(options.max_reprojection_px > 0 && std::isfinite(options.max_reprojection_px))) {
+    throw InvalidInputError(
+        Concat("fusion.max_reprojection_px = ", options.max_reprojection_px, ": must be > 0 and finite"));
+  }
+  if (!(options.max_relative_depth > 0 && options.max_relative_depth < 1)) {
+    throw InvalidInputError(Concat("fusion.max_relative_depth = ", options.max_relative_depth, ": must be in (0, 1)"));
+  }
+  if (!(options.max_normal_angle_deg > 0 && options.max_normal_angle_deg <= 180)) {
+    throw InvalidInputError(
+        Concat("fusion.max_normal_angle_deg = ", options.max_normal_angle_deg, ": must be in (0, 180]"));
+  }
+  CheckRange("fusion.min_consistent_views", options.min_consistent_views, 0, 32);
+  CheckRange("fusion.min_confidence", options.min_confidence, 0.0f, 1.0f);
+}
+
+FusionLimits MakeFusionLimits(const FusionOptions& options) {
+  Validate(options);
+  const double max_px = options.max_reprojection_px;
+  return {max_px * max_px, options.max_relative_depth, std::cos(options.max_normal_angle_deg * kPi / 180),
+          options.min_consistent_views, options.min_confidence};
+}
+
+Stamp StampOfRank(int rank) {
+  CheckRange("rank of a fused view", rank, 0, kMaxFusionViews - 1);
+  return static_cast<Stamp>(rank);
+}
+
+Image<unsigned char> FusedOf(const ImageView<const Stamp>& stamps) {
+  Image<unsigned char> used(stamps.width, stamps.height);
+  for (int row = 0; row < stamps.height; ++row) {
+    for (int col = 0; col < stamps.width; ++col) used(col, row) = stamps(col, row) == kUnfusedStamp ? 0 : 1;
+  }
+  return used;
+}
+
+Image<Stamp> StampsOfFused(const Image<unsigned char>& used, const PinholeCamera& camera) {
+  if (used.width() != camera.width || used.height() != camera.height) {
+    throw InvalidInputError(Concat("fused pixels: ", used.width(), " x ", used.height(), " px: must be ", camera.width,
+                                   " x ", camera.height, ", as their frame"));
+  }
+  Image<Stamp> stamps(used.width(), used.height());
+  for (size_t i = 0; i < used.size(); ++i) stamps.data()[i] = used.data()[i] == 0 ? kUnfusedStamp : StampOfRank(0);
+  return stamps;
+}
+
+FusionSetup::FusionSetup(const PosedCamera& camera, const FusionMaps& maps, const FusionLimits& limits,
+                         const RigidTransform& target_from_reference)
+    : camera_(camera), target_from_reference_(target_from_reference) {
+  context_.geometry = MakeReferenceGeometry(camera, target_from_reference);
+  context_.reference = maps;
+  context_.limits = limits;
+}
+
+void FusionSetup::AddSource(const PosedCamera& camera, const FusionMaps& maps, const ImageView<Stamp>& stamps) {
+  sources_.push_back({MakeSourceGeometry(camera_, camera, target_from_reference_), maps, stamps});
+}
+
+Image<float> MeasureOdds(const FusionContext& context) {
   Image<float> log_odds(context.reference.depth.width, context.reference.depth.height);
   tbb::parallel_for(0, log_odds.height(), [&](int row) {
     for (int col = 0; col < log_odds.width(); ++col) log_odds(col, row) = LogOdds(context, col, row);
@@ -28,45 +124,16 @@ Image<float> MeasureOdds(const FusionContext<HostMaps>& context) {
   return log_odds;
 }
 
-void FuseView(const FusionSetup<HostMaps>& setup, PointCloud* points) {
-  FusionContext<HostMaps> context = setup.Context(setup.sources().data());
-  const Image<float> log_odds = MeasureOdds(context);
-  context.log_odds = log_odds.View();
-  const auto fuse_row = [&](int row, PointCloud* points_of_row) {
-    SurfacePoint point;
-    for (int col = 0; col < context.reference.depth.width; ++col) {
-      if (FusePixel<kMaxFusionSources>(context, col, row, &point)) points_of_row->push_back(point);
-    }
-  };
-  CollectRows(context.reference.depth.height, fuse_row, points);
-}
-
-ConsistencyResult FilterByConsistency(const FusionView& reference, const std::vector<FusionView>& sources,
-                                      const FusionOptions& options) {
-  const FusionLimits limits = MakeFusionLimits(options);
+ConsistencyResult FilterByConsistency(const FusionSetup& setup) {
   ConsistencyResult result;
-  if (reference.depth.empty()) return result;
-  CheckConsistencyInput(reference, sources, kMaxFusionSources);
-  FusionSetup<HostMaps> setup(CameraOf(reference), MapsOf(reference), limits, RigidTransform::Identity());
-  for (const FusionView& source : sources) {
-    if (!source.depth.empty()) setup.AddSource(CameraOf(source), MapsOf(source));
-  }
-  FusionContext<HostMaps> context = setup.Context(setup.sources().data());
-  const Image<float> log_odds = MeasureOdds(context);
-  context.log_odds = log_odds.View();
-
-  const int width = reference.depth.width, height = reference.depth.height;
-  result.confidence = ConfidenceMap(width, height);
-  const auto check_row = [&](int row, PointCloud* points) {
-    SurfacePoint point;
-    for (int col = 0; col < width; ++col) {
-      if (CheckPixel<kMaxFusionSources>(context, col, row, &result.confidence(col, row), &point)) {
-        points->push_back(point);
-      }
-    }
+  result.confidence = ConfidenceMap(setup.camera().width, setup.camera().height);
+  const auto check = [&](const FusionContext& context, int col, int row, SurfacePoint* point) {
+    return CheckPixel(context, col, row, &result.confidence(col, row), point);
   };
-  CollectRows(height, check_row, &result.points_in_camera);
+  result.points_in_camera = CollectPoints(setup, check);
   return result;
 }
+
+PointCloud FuseView(const FusionSetup& setup) { return CollectPoints(setup, FusePixel); }
 
 }  // namespace acmp

@@ -5,21 +5,17 @@
 #include <cmath>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/fusion/fusion_setup.h"
 #include "acmp_mapping/fusion/kernel/fuse_pixel.h"
 
 namespace acmp {
 namespace {
-
-using HostMaps = FusionMaps<Vec3f>;
 
 constexpr int kMaxStep = 1000;
 
 /// What one source says of a pixel: the first check that fails, in the order of the checks.
 enum Outcome { kOutside, kSourceDepth, kReprojection, kRelativeDepth, kAngle, kAgrees, kNumOutcomes };
 
-Outcome CheckSource(const FusionContext<HostMaps>& context, const FusionSource<HostMaps>& source,
-                    const ReferencePixel& pixel) {
+Outcome CheckSource(const FusionContext& context, const FusionSource& source, const ReferencePixel& pixel) {
   SourcePlace place;
   if (!LocateInSource(source, pixel.homogeneous, &place)) return kOutside;
   ViewAgreement agreement;
@@ -33,11 +29,11 @@ Outcome CheckSource(const FusionContext<HostMaps>& context, const FusionSource<H
   return agreement.relative_depth < context.limits.max_relative_depth ? kAngle : kRelativeDepth;
 }
 
-void CountPixel(const FusionContext<HostMaps>& context, int col, int row, PointLosses* losses) {
+void CountPixel(const FusionContext& context, int col, int row, PointLosses* losses) {
   ++losses->pixels;
   float confidence = 0;
   SurfacePoint point;
-  if (CheckPixel<kMaxFusionSources>(context, col, row, &confidence, &point)) {
+  if (CheckPixel(context, col, row, &confidence, &point)) {
     ++losses->points;
     return;
   }
@@ -59,22 +55,14 @@ void CountPixel(const FusionContext<HostMaps>& context, int col, int row, PointL
 
 }  // namespace
 
-PointLosses CountPointLosses(const FusionView& reference, const std::vector<FusionView>& sources,
-                             const FusionOptions& options, int step) {
+PointLosses CountPointLosses(const FusionSetup& setup, int step) {
   CheckRange("step", step, 1, kMaxStep);
-  const FusionLimits limits = MakeFusionLimits(options);
   PointLosses losses;
-  if (reference.depth.empty()) return losses;
-  CheckConsistencyInput(reference, sources, kMaxFusionSources);
-  FusionSetup<HostMaps> setup(CameraOf(reference), MapsOf(reference), limits, RigidTransform::Identity());
-  for (const FusionView& source : sources) {
-    if (!source.depth.empty()) setup.AddSource(CameraOf(source), MapsOf(source));
-  }
-  FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  FusionContext context = setup.Context(setup.sources().data());
   const Image<float> log_odds = MeasureOdds(context);
   context.log_odds = log_odds.View();
-  for (int row = 0; row < reference.depth.height; row += step) {
-    for (int col = 0; col < reference.depth.width; col += step) CountPixel(context, col, row, &losses);
+  for (int row = 0; row < log_odds.height(); row += step) {
+    for (int col = 0; col < log_odds.width(); col += step) CountPixel(context, col, row, &losses);
   }
   return losses;
 }

@@ -4,6 +4,7 @@
 
 #include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/engine/host_depth_engine.h"
 
 namespace acmp {
 namespace {
@@ -26,31 +27,18 @@ std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const FinishedEstimate& estimate)
   return maps;
 }
 
-/// A view's maps in host memory.
-struct HostView {
-  EngineView view;
-  EstimateMaps maps;
-
-  FusionView View() const {
-    return {view.frame->camera, view.cam_from_world(), maps.depth.View(),
-            maps.normal.View(), maps.cost.View(),      view.frame->color.View()};
-  }
-};
-
-/// Which checks leave no point of the reference. Maps are fetched for it, so it takes a few times as long as the
+/// Which checks leave no point of the reference. Estimates are fetched for it, so it takes a few times as long as the
 /// checks.
 PointLosses FindPointLosses(const EngineProblem& problem, const FusionOptions& consistency, DepthEngine* engine) {
   constexpr int kStep = 4;
-  const auto download = [&](const EngineView& view) {
-    return HostView{view, view.estimate ? engine->Download(view.estimate) : EstimateMaps()};
+  HostDepthEngine host;
+  const auto on_host = [&](EngineView view) {
+    if (view.estimate) view.estimate = host.UploadState(engine->DownloadState(view.estimate), view.frame->camera);
+    return view;
   };
-  const HostView reference = download(problem.reference);
-  std::vector<HostView> sources;
-  for (const EngineView& source : problem.sources) sources.push_back(download(source));
-  std::vector<FusionView> views;
-  views.reserve(sources.size());
-  for (const HostView& source : sources) views.push_back(source.View());
-  return CountPointLosses(reference.View(), views, consistency, kStep);
+  std::vector<EngineView> sources;
+  for (const EngineView& source : problem.sources) sources.push_back(on_host(source));
+  return host.CountLosses(on_host(problem.reference), sources, consistency, kStep);
 }
 
 }  // namespace

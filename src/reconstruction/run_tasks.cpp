@@ -7,7 +7,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "acmp_mapping/fusion/fusion_setup.h"
+#include "acmp_mapping/fusion/depth_fusion.h"
 
 namespace acmp {
 namespace {

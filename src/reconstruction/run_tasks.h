@@ -51,7 +51,7 @@ class RunTasks {
   /// there are more images than a fusion can tell apart.
   /// @param take gets the points in the task's thread
   int AddFusion(const ImagePlan& image, std::function<void(PointCloud)> take);
-  /// Before the first AddFusion: these pixels of a frame have gone into points of earlier views (FusionEngine).
+  /// Before the first AddFusion: these pixels of a frame have gone into points of earlier views (DepthEngine).
   void SetFusedPixels(const Frame& frame, const Image<unsigned char>& used);
   /// Those that have after Run.
   Image<unsigned char> FusedPixels(const Frame& frame);

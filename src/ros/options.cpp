@@ -10,7 +10,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/keyframe/frame.h"
-#include "acmp_mapping/mapping/window_options.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/input_conversion.h"
 
 namespace acmp {

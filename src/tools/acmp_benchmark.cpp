@@ -6,7 +6,7 @@
 
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/mapping/window_options.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "benchmark_stages.h"
 #include "tool_main.h"
 #ifdef ACMP_HAVE_CUDA

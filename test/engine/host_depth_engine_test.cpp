@@ -6,7 +6,6 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "support/engine_scene.h"
 #include "support/error_text.h"
 #include "support/pass_result.h"
@@ -118,27 +117,6 @@ TEST_F(HostDepthEngineTest, UpsampledPixelsAreThoseThatCoverThem) {
       }
     }
   }
-}
-
-TEST_F(HostDepthEngineTest, UpsampledPlanesStayInFrontOfTheCamera) {
-  // A plane through depth 3 on the covering pixel's ray that the ray of the pixel itself does not meet in front.
-  const RayGrid rays = MakeRayGrid(reference_->camera);
-  const RayGrid halved_rays = MakeRayGrid(reference_->camera.Halved());
-  const Vec3f covering_ray = halved_rays.Ray(1, 1), ray = rays.Ray(3, 2);
-  const Vec3f beside = Cross(covering_ray, Vec3f{0, 1, 0});
-  // Almost along the covering ray, turned by a hundredth of the way to the pixel's.
-  Vec3f normal = Normalized(beside);
-  if (Dot(normal, ray) < 0) normal = -1.0f * normal;
-  normal = Normalized(normal - 0.25f * Dot(normal, ray) / Dot(covering_ray, covering_ray) * covering_ray);
-  const PlaneHypothesis edge_on = PlaneThrough(normal, covering_ray, 3);
-  ASSERT_GT(edge_on.d, 0);
-  ASSERT_LT(PlaneDepth(edge_on, ray), 0);
-  const PlaneHypothesis upsampled = UpsamplePlane(edge_on, covering_ray, ray);
-  EXPECT_GT(upsampled.d, 0);
-  EXPECT_FLOAT_EQ(PlaneDepth(upsampled, ray), 3);
-  // One that keeps its depth within a factor of two is taken as it is.
-  const PlaneHypothesis slanted = PlaneThrough(Normalized(Vec3f{0.6f, 0, -0.8f}), covering_ray, 3);
-  EXPECT_EQ(UpsamplePlane(slanted, covering_ray, ray).nx, slanted.nx);
 }
 
 struct ForeignImage final : EngineImage {};

@@ -1,9 +1,11 @@
+#include <tuple>
 #include <utility>
 
 #include "gtest/gtest.h"
 
+#include "acmp_mapping/fill/fill.h"
 #include "acmp_mapping/fill/kernel/fill_pixel.h"
-#include "acmp_mapping/fill/kernel/fit_seed.h"
+#include "fusion/analytic_views.h"
 
 namespace acmp {
 namespace {
@@ -50,51 +52,6 @@ class FillKernelTest : public ::testing::Test {
   Image<NearestSeeds> nearest_{seeds_.width(), seeds_.height()};
   FillContext context_ = {};
 };
-
-TEST_F(FillKernelTest, SeedIsTheMostConfirmedPixelOfTheCell) {
-  for (PlaneHypothesis& plane : planes_) plane = {0, 0, -1, 5};
-  const auto set = [&](int col, int row, int views, float cost) {
-    support_(col, row) = static_cast<ViewSupport>(views);
-    cost_(col, row) = cost;
-  };
-  set(5, 4, 1, 0.01f);                                           // too few
-  set(9, 5, 2, 0.3f), set(10, 5, 2, 0.2f), set(11, 5, 2, 0.2f);  // the least cost, the first of two
-  set(13, 5, 2, 0.1f), set(14, 6, 3, 0.9f);                      // views count more than cost
-  set(39, 29, 4, 0.5f);                                          // in the last, cut-off cell
-  planes_(10, 5) = {0, 0, -1, 8};
-  FindAll();
-  EXPECT_EQ(seeds_(1, 1).views, 0);
-  EXPECT_EQ(seeds_(2, 1).col, 10);
-  EXPECT_EQ(seeds_(2, 1).row, 5);
-  EXPECT_FLOAT_EQ(seeds_(2, 1).inverse_depth, 1 / 8.0f);
-  EXPECT_EQ(seeds_(3, 1).views, 3);
-  EXPECT_EQ(seeds_(3, 1).col, 14);
-  EXPECT_EQ(seeds_(9, 7).col, 39);
-  EXPECT_EQ(seeds_(9, 7).row, 29);
-}
-
-TEST_F(FillKernelTest, FitFindsThePlaneOfTheSurroundingsDespiteABadNormalAndOutliers) {
-  const PlaneHypothesis wall = PlaneThrough(Normalized(Vec3f{0.5f, 0.1f, -1}), Ray(20, 15), 4);
-  const PlaneHypothesis front = {0, 0, -1, 2.5f};
-  for (int row = 0; row < kHeight; ++row) {
-    for (int col = 0; col < kWidth; ++col) {
-      const PlaneHypothesis& surface = col > 27 ? front : wall;
-      // The right depth with a normal that faces the camera: 25 degrees off.
-      planes_(col, row) = PlaneThrough({0, 0, -1}, Ray(col, row), DepthAt(surface, col, row));
-      support_(col, row) = 3;
-    }
-  }
-  FindAll();
-  for (int row = 0; row < seeds_.height(); ++row) {
-    for (int col = 0; col < seeds_.width(); ++col) FitSeed(context_, col, row, SingleThread());
-  }
-  const PlaneHypothesis fitted = PlaneOfInverse(fitted_(3, 3).inverse_plane);
-  // The front plane is off by 60 % of its depth, far beyond the tolerance of 3 %: exact but for rounding and the ridge.
-  EXPECT_NEAR(DepthAt(fitted, 13, 13), DepthAt(wall, 13, 13), 2e-3);
-  EXPECT_NEAR(DepthAt(fitted, 27, 2), DepthAt(wall, 27, 2), 5e-3);
-  EXPECT_GT(Dot(fitted.normal(), wall.normal()), 0.9999f);
-  EXPECT_EQ(fitted_(3, 3).col, seeds_(3, 3).col);
-}
 
 TEST_F(FillKernelTest, ACloselyConfirmedSeedGoesBeforeANearerOneUpToEightTimesAsFarAndTwoCells) {
   const auto cell = [&](int col, int row) { return row * fitted_.width() + col; };
@@ -199,6 +156,45 @@ TEST_F(ElectionTest, NearSeedsHaveMoreOfASayAndSeedsThatLieOffTheirOwnPlaneDoNot
 TEST_F(ElectionTest, WithoutASeedNothingIsElected) {
   EXPECT_EQ(ElectPlane(context_, nearest_at_, Extended()), -1);
   EXPECT_EQ(MedianPlane(Extended()), -1);
+}
+
+/// What one source sees of the middle of a wall 5 m away, if its map says so many times the true depth.
+ViewSupport LookAtAWallSeenAt(float factor) {
+  const std::vector<Quad> wall = {{{-10, -10, 5}, {20, 0, 0}, {0, 20, 0}, {90, 90, 90}}};
+  const PinholeCamera camera = {81, 61, 80, 80, 40, 30};
+  TestView reference = Render(camera, LookAt({0, 0, 0}, {0, 0, 5}), wall);
+  TestView source = Render(camera, LookAt({0.1, 0, 0}, {0.1, 0, 5}), wall);
+  for (float& depth : source.depth) depth *= factor;
+  const PlaneMap planes(81, 61);  // planes without normals: the nearest pixel's depth counts
+  const auto maps_of = [&](const TestView& view) -> FusionMaps {
+    return {view.depth.View(), planes.View(), view.cost.View(), {}};
+  };
+  FusionSetup setup({camera, reference.cam_from_world}, maps_of(reference), ConsistencyLimits(),
+                    RigidTransform::Identity());
+  setup.AddSource({camera, source.cam_from_world}, maps_of(source), {});
+  return CountSupportingViews(setup.Context(setup.sources().data()), 40, 30);
+}
+
+TEST(CountSupportingViewsTest, TellsCloseConfirmationFromConfirmationAndThatFromNearlyOne) {
+  // Of depth, 0.2 % are close, 0.3 % confirm, 1.2 % nearly do. A disparity of 1.6 px hardly changes by that.
+  for (const float sign : {1.0f, -1.0f}) {
+    for (const auto& [off, confirming, closely, nearly] : {std::tuple(0.0f, 1, 1, true),
+                                                           {0.0018f, 1, 1, true},
+                                                           {0.0022f, 1, 0, true},
+                                                           {0.0028f, 1, 0, true},
+                                                           {0.0032f, 0, 0, true},
+                                                           {0.0115f, 0, 0, true},
+                                                           {0.0125f, 0, 0, false}}) {
+      const ViewSupport support = LookAtAWallSeenAt(1 + sign * off);
+      EXPECT_EQ(ConsistentViews(support), confirming) << sign * off;
+      EXPECT_EQ(StrictlyConsistentViews(support), closely) << sign * off;
+      EXPECT_EQ(IsLooselyConsistent(support), nearly) << sign * off;
+    }
+  }
+  // What a source sees more than 3 % farther away violates free space.
+  for (const auto& [factor, violations] : {std::pair(1.0f, 0), {1.027f, 0}, {1.033f, 1}, {0.9f, 0}}) {
+    EXPECT_EQ(FreeSpaceViolations(LookAtAWallSeenAt(factor)), violations) << factor;
+  }
 }
 
 }  // namespace

@@ -1,14 +1,15 @@
-#include "acmp_mapping/fill/fill.h"
+// What FillUnverified makes of exact maps that are wrong in a part, on every device.
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/patch_match/host_passes.h"
-#include "acmp_mapping/patch_match/match_setup.h"
-#include "fusion/analytic_views.h"
+#include "fusion/engine_views.h"
+#include "fusion/noisy_views.h"
+#include "support/devices.h"
 #include "support/error_text.h"
 #include "support/pass_result.h"
 
@@ -53,16 +54,6 @@ constexpr Part kPart = {30, 30, 75, 90};
 /// The walls are exact planes; the fit is pulled to zero slope by a ten-thousandth.
 constexpr float kOfFit = 2e-3f;
 
-PlaneMap PlanesOf(const TestView& view) {
-  PlaneMap planes(view.camera.width, view.camera.height);
-  const RayGrid rays = MakeRayGrid(view.camera);
-  ForEachPixel([&](int col, int row) {
-    planes(col, row) = PlaneThrough(view.normal(col, row), rays.Ray(static_cast<float>(col), static_cast<float>(row)),
-                                    view.depth(col, row));
-  });
-  return planes;
-}
-
 struct Filled {
   PlaneMap planes;
   CostMap cost;
@@ -75,15 +66,27 @@ FillOptions WithoutMedian() {
   return options;
 }
 
-Filled Fill(const std::vector<TestView>& views, size_t num_sources, const FillOptions& options = WithoutMedian(),
-            const DepthRange& range = kRange) {
-  Filled result = {PlanesOf(views[0]), views[0].cost.Clone(), {}};
-  std::vector<FusionView> sources;
-  for (size_t i = 1; i <= num_sources; ++i) sources.push_back(views[i].View());
-  FillUnverified(views[0].View(), sources, range, options, result.planes.View(), result.cost.View());
-  result.depth = ToDepthMap(result.planes, views[0].camera);
-  return result;
+/// Of the first view against those after it.
+EngineProblem ProblemOf(const std::vector<TestView>& views, size_t num_sources, const DepthRange& range,
+                        DepthEngine* engine) {
+  EngineProblem problem = {{}, UploadViews(views, engine), range};
+  problem.reference = problem.sources.front();
+  problem.sources.erase(problem.sources.begin());
+  problem.sources.resize(num_sources);
+  return problem;
 }
+
+class FillTest : public EngineTest {
+ protected:
+  Filled Fill(const std::vector<TestView>& views, size_t num_sources, const FillOptions& options = WithoutMedian(),
+              const DepthRange& range = kRange) {
+    const EngineProblem problem = ProblemOf(views, num_sources, range, engine_.get());
+    const EngineEstimatePtr filled = engine_->FillUnverified(problem, problem.reference.estimate, options);
+    EstimateState state = engine_->DownloadState(filled);
+    return {std::move(state.planes), std::move(state.cost), engine_->DownloadDepth(filled)};
+  }
+};
+INSTANTIATE_TEST_SUITE_P(Devices, FillTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
 /// Puts the reference's pixels at a depth that no other view has.
 void Spoil(TestView* view, const Part& part) {
@@ -94,7 +97,7 @@ void Spoil(TestView* view, const Part& part) {
   });
 }
 
-TEST(FillTest, UnconfirmedPixelsTakeThePlaneOfTheirSurroundings) {
+TEST_P(FillTest, UnconfirmedPixelsTakeThePlaneOfTheirSurroundings) {
   std::vector<TestView> views = Corner();
   const DepthMap truth = views[0].depth.Clone();
   Spoil(&views[0], kPart);
@@ -115,7 +118,7 @@ TEST(FillTest, UnconfirmedPixelsTakeThePlaneOfTheirSurroundings) {
   EXPECT_GT(filled, 0.99 * kPart.size());
 }
 
-TEST(FillTest, EachSideOfACornerIsExtendedFromItsOwnWall) {
+TEST_P(FillTest, EachSideOfACornerIsExtendedFromItsOwnWall) {
   constexpr Part kCorner = {60, 20, 140, 50};
   std::vector<TestView> views = Corner();
   const DepthMap truth = views[0].depth.Clone();
@@ -154,7 +157,7 @@ std::vector<TestView> WrongInPart(size_t count, float reference, float source) {
   return views;
 }
 
-TEST(FillTest, WhatOneOfSevenViewsConfirmsTakesThePlaneOfItsSurroundings) {
+TEST_P(FillTest, WhatOneOfSevenViewsConfirmsTakesThePlaneOfItsSurroundings) {
   const float wrong_by = 0.97f;  // near enough for what one view nearly confirms
   const std::vector<TestView> views = WrongInPart(8, wrong_by, wrong_by);
   FillOptions options = WithoutMedian();
@@ -174,8 +177,8 @@ TEST(FillTest, WhatOneOfSevenViewsConfirmsTakesThePlaneOfItsSurroundings) {
   EXPECT_GT(filled, 0.99 * kPart.size());
 }
 
-TEST(FillTest, WhatAViewNearlyConfirmsIsNotTakenForAnotherSurface) {
-  const auto fill_apart = [](float apart) {  // nothing around is so near
+TEST_P(FillTest, WhatAViewNearlyConfirmsIsNotTakenForAnotherSurface) {
+  const auto fill_apart = [this](float apart) {  // nothing around is so near
     return Fill(WrongInPart(3, 0.7f, 0.7f * apart), 2);
   };
   const Filled kept = fill_apart(1.01f), filled = fill_apart(1.03f);
@@ -190,7 +193,7 @@ TEST(FillTest, WhatAViewNearlyConfirmsIsNotTakenForAnotherSurface) {
   });
 }
 
-TEST(FillTest, WhatASourceSeesThroughTakesTheSurfaceOfItsColour) {
+TEST_P(FillTest, WhatASourceSeesThroughTakesTheSurfaceOfItsColour) {
   // A grey board in front of a white wall, from the middle and from both sides.
   std::vector<TestView> views = FromThreePlaces(
       {{{0, 0, 6}, {9, 0, 0}, {0, 9, 0}, {250, 250, 250}}, {{0, 0, 3}, {0.5, 0, 0}, {0, 9, 0}, {90, 90, 90}}}, 1.5);
@@ -224,21 +227,45 @@ TEST(FillTest, WhatASourceSeesThroughTakesTheSurfaceOfItsColour) {
   });
 }
 
-TEST(FillTest, BadInputIsRefused) {
-  EXPECT_THAT(ErrorOf([] { Fill(Corner(), 2, {}, {3, 2}); }), HasSubstr("depth range"));
+TEST_P(FillTest, BadInputIsRefused) {
+  EXPECT_THAT(ErrorOf([&] { Fill(Corner(), 2, {}, {3, 2}); }), HasSubstr("depth range"));
+  const std::vector<TestView> views = Corner();
+  for (const bool has_frame : {true, false}) {
+    EngineProblem problem = ProblemOf(views, 2, kRange, engine_.get());
+    if (!has_frame) problem.reference.frame = nullptr;
+    const EngineEstimatePtr start = has_frame ? nullptr : problem.reference.estimate;
+    EXPECT_THROW(engine_->FillUnverified(problem, start, {}), InvalidInputError);
+  }
 }
 
-TEST(FillTest, NothingChangesWithoutSourcesOrSeeds) {
+TEST_P(FillTest, NothingChangesWithoutSourcesOrSeeds) {
   std::vector<TestView> views = Corner();
-  const PlaneMap before = PlanesOf(views[0]);
-  EXPECT_TRUE(SamePixels(Fill(views, 0).planes, before));
+  const EstimateState before = engine_->DownloadState(ProblemOf(views, 0, kRange, engine_.get()).reference.estimate);
+  EXPECT_TRUE(SamePixels(Fill(views, 0).planes, before.planes));
   for (size_t i = 1; i < 3; ++i) views[i].depth = DepthMap(160, 120, 20.0f);  // confirms nothing
-  EXPECT_TRUE(SamePixels(Fill(views, 2).planes, before));
+  EXPECT_TRUE(SamePixels(Fill(views, 2).planes, before.planes));
   for (size_t i = 1; i < 3; ++i) views[i].depth = {};
-  EXPECT_TRUE(SamePixels(Fill(views, 2).planes, before));
+  EXPECT_TRUE(SamePixels(Fill(views, 2).planes, before.planes));
 }
 
-TEST(FillTest, PlanesAreNotExtendedBeyondTheDepthRange) {
+TEST_P(FillTest, GivesTheSameBitsAgainAndLeavesAStartThatIsHeldAsItWas) {
+  std::vector<TestView> views = NoisyViews();
+  for (int row = 10; row < 40; ++row) {
+    for (int col = 20; col < 50; ++col) views[0].depth(col, row) *= 1.5f;
+  }
+  EngineProblem problem = ProblemOf(views, 3, kRange, engine_.get());
+  const auto fill = [&](EngineEstimatePtr start) {
+    return engine_->DownloadState(engine_->FillUnverified(problem, std::move(start), {}));
+  };
+  const EstimateState before = engine_->DownloadState(problem.reference.estimate);
+  const EstimateState first = fill(problem.reference.estimate);
+  EXPECT_TRUE(SameBits(fill(problem.reference.estimate), first));
+  EXPECT_TRUE(SameBits(engine_->DownloadState(problem.reference.estimate), before));
+  EXPECT_FALSE(SameBits(first, before));
+  EXPECT_TRUE(SameBits(fill(std::move(problem.reference.estimate)), first)) << "now nobody else holds it";
+}
+
+TEST_P(FillTest, PlanesAreNotExtendedBeyondTheDepthRange) {
   std::vector<TestView> views = Corner();
   Spoil(&views[0], kPart);
   const DepthRange narrow = {1, 5};

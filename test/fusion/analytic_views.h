@@ -20,6 +20,16 @@ struct Quad {
   Rgb color;
 };
 
+/// One image's maps; the pixels belong to the caller. Without a depth map it takes no part.
+struct FusionView {
+  PinholeCamera camera;
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  ImageView<const float> depth;   ///< z, 0 = unknown
+  ImageView<const Vec3f> normal;  ///< camera frame
+  ImageView<const float> cost;
+  ImageView<const Rgb> color;  ///< may be empty
+};
+
 /// A view that owns its maps.
 struct TestView {
   PinholeCamera camera;

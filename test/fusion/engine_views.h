@@ -65,10 +65,13 @@ inline PointCloud FuseViews(DepthEngine* engine, const std::vector<FusionView>& 
   }
   return points;
 }
-/// On the CPU.
-inline PointCloud FuseViews(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
-                            const FusionOptions& options) {
-  return FuseViews(MakeDepthEngine(Device::kCpu).engine.get(), views, neighbors, options);
+/// The first view against all others.
+inline ConsistencyResult Filter(DepthEngine* engine, const std::vector<FusionView>& views,
+                                const FusionOptions& options) {
+  std::vector<EngineView> sources = UploadViews(views, engine);
+  const EngineView reference = sources.front();
+  sources.erase(sources.begin());
+  return engine->FilterByConsistency(reference, sources, options);
 }
 
 /// Where the first point is that differs in a bit, for EXPECT_EQ with "".

@@ -7,7 +7,8 @@
 
 #include <functional>
 
-#include "fusion/analytic_views.h"
+#include "acmp_mapping/engine/host_depth_engine.h"
+#include "fusion/engine_views.h"
 #include "support/error_text.h"
 
 namespace acmp {
@@ -31,16 +32,17 @@ std::vector<TestView> Views() {
 }
 
 PointLosses Count(const std::vector<TestView>& views, const FusionOptions& options = PaperFusion(), int step = 1) {
-  std::vector<FusionView> sources = ViewsOf(views);
+  HostDepthEngine engine;
+  std::vector<EngineView> sources = UploadViews(views, &engine);
+  const EngineView reference = sources.front();
   sources.erase(sources.begin());
-  return CountPointLosses(views[0].View(), sources, options, step);
+  return engine.CountLosses(reference, sources, options, step);
 }
 
 TEST(PointLosses, CountsPointsAsTheConsistencyCheckDoes) {
   const std::vector<TestView> views = Views();
-  std::vector<FusionView> sources = ViewsOf(views);
-  sources.erase(sources.begin());
-  const ConsistencyResult result = FilterByConsistency(views[0].View(), sources, PaperFusion());
+  HostDepthEngine engine;
+  const ConsistencyResult result = Filter(&engine, ViewsOf(views), PaperFusion());
   const PointLosses losses = Count(views);
   EXPECT_EQ(losses.pixels, kPixels);
   EXPECT_EQ(losses.points, result.points_in_camera.size());

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "acmp_mapping/fusion/depth_fusion.h"
+#include "fusion/analytic_views.h"
 
 namespace acmp {
 

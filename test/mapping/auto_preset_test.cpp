@@ -52,12 +52,6 @@ TEST(AutoPreset, AFastMachineGetsTheBest) {
   EXPECT_THAT(said, HasSubstr("every 0.1 s and took 0.02 s"));
 }
 
-TEST(AutoPreset, FixedTimeOfEachKeyframeDoesNotKeepItSmall) {
-  AutoPreset choice;  // on a fast GPU small images take hardly less than large ones
-  Settle(12, 20, 1, 0.1, &choice);
-  EXPECT_EQ(choice.index(), 0u);
-}
-
 TEST(AutoPreset, ASlowMachineGetsTheCheapestAndASayThatItIsTooSlow) {
   AutoPreset choice;
   const std::string said = Settle(0, 60000, 1, 0.2, &choice);

@@ -1,4 +1,5 @@
-// Images of one capture in the window: who is matched against whom, what moves with what, what is counted.
+// Images of one capture in the window: who is matched against whom, what moves with what, what is counted. And when
+// poses have moved since.
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -156,6 +157,19 @@ TEST(CaptureWindowTest, CompanionsMoveRigidlyWithTheRefinedPose) {
   const RigidTransform placed = next[1]->pose.placed.cam_from_world * next[0]->pose.placed.cam_from_world.inverse();
   EXPECT_LT((placed.translation() - Eigen::Vector3d(-kRigBaseline, 0, 0)).norm(), 1e-12);
   EXPECT_EQ(next[1]->pose.placed.refined->world, 7u);
+}
+
+TEST(HaveMovedTest, ByMoreThanAPixelAtTheDepthInTheWorldOfRefinedPoses) {
+  KeyframeWindow window({});
+  const WindowKeyframePtr reference = window.Add({{WallFrame(0, 0)}, {}}).front();
+  const WindowKeyframePtr source = window.Add({{WallFrame(1, 0.3)}, {}}).front();
+  reference->range = {kWallDepth, kWallDepth * 1.0001f};
+  const std::vector<MatchedView> views = {{source, source->cam_from_world() * reference->cam_from_world().inverse()}};
+  source->pose.refined = source->frame->cam_from_world;
+  source->pose.refined->translation().x() += 0.7 * kWallDepth / kWallCamera.fx;  // by 0.7 px
+  EXPECT_FALSE(HaveMoved(*reference, views));
+  reference->pose.placed.scale = 2;  // a world of half the size, in which the wall is at half of its depth
+  EXPECT_TRUE(HaveMoved(*reference, views));
 }
 
 }  // namespace

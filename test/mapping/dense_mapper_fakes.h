@@ -4,8 +4,8 @@
 #include <cmath>
 #include <functional>
 #include <memory>
-#include <random>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -71,6 +71,7 @@ class WallEngine : public FakeEngine {
   std::vector<Call> calls;
   float fast_depth = static_cast<float>(kWallDepth * kFastError);  ///< before the geometric passes
   std::function<void(const Call&)> before_answer;                  ///< may throw
+  std::function<float(const Call&)> depth_of_answer;               ///< in place of all that
   std::function<void(int64_t id)> before_consistency;              ///< the check of a keyframe's maps; may throw
 
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
@@ -97,7 +98,9 @@ class WallEngine : public FakeEngine {
     if (request.start) call.start_depth = DownloadDepth(request.start)(0, 0);
     calls.push_back(call);
     if (before_answer) before_answer(call);
-    const float depth = request.pass == Pass::kGeometric ? static_cast<float>(kWallDepth) : fast_depth;
+    const float depth = depth_of_answer                    ? depth_of_answer(call)
+                        : request.pass == Pass::kGeometric ? static_cast<float>(kWallDepth)
+                                                           : fast_depth;
     return UniformState(request.camera(), {0, 0, -1, depth}, 0.05f);
   }
 };
@@ -108,8 +111,9 @@ constexpr float kRefinedDepth = static_cast<float>(kWallDepth);
 /// A mapper over the fake that notes every callback as "fast 3", "refined 3" or "drop 3 reason".
 class MapperHarness {
  public:
-  explicit MapperHarness(const DenseMapperOptions& options)
-      : mapper(&engine, options, MakeCallbacks(), nullptr, &stop) {}
+  /// @param output_engine as the mapper's, which has a thread for outputs then
+  explicit MapperHarness(const DenseMapperOptions& options, DepthEngine* output_engine = nullptr)
+      : has_thread(output_engine != nullptr), mapper(&engine, options, MakeCallbacks(), output_engine, &stop) {}
 
   /// What was called since the last time this was asked.
   std::vector<std::string> TakeEvents() { return std::exchange(events, {}); }
@@ -129,6 +133,7 @@ class MapperHarness {
 
   WallEngine engine;
   std::vector<std::string> events;
+  std::vector<std::string> said;  ///< all callbacks with what they said of maps and messages
   std::vector<KeyframeDepthPtr> fast;
   std::vector<KeyframeDepthPtr> refined;
   std::vector<KeyframeDrop> drops;
@@ -138,21 +143,37 @@ class MapperHarness {
   StageTimes last_times;                                   ///< of the last of these
   bool keep_maps = true;
   StopRequest stop;
+  const bool has_thread;
   DenseMapper mapper;
 
  private:
+  /// In which thread it was called, too.
+  void Say(std::string text) {
+    EXPECT_NE(std::this_thread::get_id() == giver_, has_thread) << text;
+    said.push_back(std::move(text));
+  }
+  void Say(const char* kind, const KeyframeDepth& maps) {
+    std::string text = Concat(kind, " ", maps.frame->id, " ", maps.depth(0, 0), " ", maps.points_in_camera.size());
+    if (!maps.confidence.empty()) text += Concat(" ", maps.confidence(0, 0));
+    for (const int64_t id : maps.source_ids) text += Concat(" ", id);
+    Say(text);
+  }
+
   DenseMapper::Callbacks MakeCallbacks() {
     DenseMapper::Callbacks callbacks;
     callbacks.on_fast = [this](const KeyframeDepthPtr& depth) {
       events.push_back(Concat("fast ", depth->frame->id));
+      Say("fast", *depth);
       if (keep_maps) fast.push_back(depth);
     };
     callbacks.on_refined = [this](const KeyframeDepthPtr& depth) {
       events.push_back(Concat("refined ", depth->frame->id));
+      Say("refined", *depth);
       if (keep_maps) refined.push_back(depth);
     };
     callbacks.on_refined_again = [this](const KeyframeDepthPtr& depth) {
       refined_again.push_back(depth->frame->id);
+      Say("again", *depth);
       last_times = depth->times;
     };
     callbacks.on_withdrawn = [this](const KeyframeDepthPtr& maps, const std::string& message) {
@@ -162,14 +183,18 @@ class MapperHarness {
     };
     callbacks.on_drop = [this](const KeyframeDrop& drop) {
       events.push_back(Concat("drop ", drop.frame->id, " ", drop.reason));
+      Say(Concat(events.back(), drop.had_fast ? " had fast: " : ": ", drop.message));
       drops.push_back(drop);
       if (!keep_maps) drops.back().frame.reset();
     };
     callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       problems.push_back(reason + ": " + message);
+      Say("problem " + problems.back());
     };
     return callbacks;
   }
+
+  const std::thread::id giver_ = std::this_thread::get_id();
 };
 
 /// Each keyframe is refined once. Without the planar prior: the fake's answer does not depend on it.
@@ -194,53 +219,6 @@ inline DenseMapperOptions RefiningAgain(int window_size) {
 inline void AddPoorStartAndGoodViews(MapperHarness* harness) {
   for (int id = 0; id < 3; ++id) harness->Add(WallFrame(id, 0.08 * id));
   for (int id = 3; id < 5; ++id) harness->Add(WallFrame(id, 0.35 * (id - 2)));
-}
-
-/// A keyframe of the kinds that live frontends produce: moving on, standing still, jumping, without or with useless
-/// landmarks, broken.
-inline FramePtr RandomFrame(int64_t id, double* x, std::mt19937* random) {
-  const double nan = std::nan("");
-  switch ((*random)() % 10) {
-    case 0:
-      break;
-    case 1:
-      *x += 50;
-      break;
-    default:
-      *x += 0.05 * static_cast<double>((*random)() % 20);
-  }
-  std::vector<Eigen::Vector3d> landmarks;
-  switch ((*random)() % 8) {
-    case 0:
-      break;
-    case 1:
-      landmarks.assign(50, {nan, 0, 0});
-      break;
-    case 2:
-      landmarks.assign(50, {0, 0, 0});
-      break;
-    case 3:
-      landmarks.assign(3, {*x, 0, kWallDepth});
-      break;
-    default:
-      landmarks = WallLandmarks();
-      for (auto& point : landmarks) point.x() += *x - 5;
-  }
-  Frame frame = MakeWallFrame(id, *x, std::move(landmarks));
-  if ((*random)() % 15 == 0) frame.cam_from_world.linear()(0, 0) = nan;
-  return std::make_shared<Frame>(std::move(frame));
-}
-
-inline DenseMapperOptions RandomOptions(std::mt19937* random) {
-  const int window_size = 2 + static_cast<int>((*random)() % 7);
-  const int lookahead = static_cast<int>((*random)() % static_cast<unsigned>(window_size));
-  const int min_views = 1 + static_cast<int>((*random)() % static_cast<unsigned>(std::min(3, window_size - 1)));
-  DenseMapperOptions options = FakeOptions(window_size, lookahead, min_views);
-  options.pipeline.geometric_passes = static_cast<int>((*random)() % 3);
-  options.pipeline.start_level = static_cast<int>((*random)() % 3);
-  if ((*random)() % 2 == 0) options.fallback_depth_range = {1, 20};
-  options.refine_again = (*random)() % 2 == 0;
-  return options;
 }
 
 /// The calls of a pass on a keyframe.

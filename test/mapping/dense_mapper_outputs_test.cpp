@@ -1,12 +1,14 @@
-// The mapper with an engine and a thread for outputs.
+// Random streams, and the mapper with an engine and a thread for outputs.
 
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <cstring>
+#include <functional>
 #include <future>
 #include <random>
+#include <set>
 #include <thread>
+#include <utility>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -25,97 +27,188 @@ using testing::IsEmpty;
 using testing::Not;
 using testing::SizeIs;
 
-/// Notes all that callbacks say, and which of its threads they came in.
-class Listener {
- public:
-  explicit Listener(bool has_thread) : has_thread_(has_thread) {}
-
-  DenseMapper::Callbacks MakeCallbacks() {
-    DenseMapper::Callbacks callbacks;
-    callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { Note("fast", *maps); };
-    callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { Note("refined", *maps); };
-    callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) { Note("again", *maps); };
-    callbacks.on_drop = [this](const KeyframeDrop& drop) {
-      Note(Concat("drop ", drop.frame->id, " ", drop.reason, drop.had_fast ? " had fast: " : ": ", drop.message));
-    };
-    callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
-      Note(Concat("problem ", reason, ": ", message));
-    };
-    return callbacks;
+/// A keyframe of the kinds that live frontends produce: moving on, standing still, jumping, without or with useless
+/// landmarks, broken.
+FramePtr RandomFrame(int64_t id, double* x, std::mt19937* random) {
+  const double nan = std::nan("");
+  switch ((*random)() % 10) {
+    case 0:
+      break;
+    case 1:
+      *x += 50;
+      break;
+    default:
+      *x += 0.05 * static_cast<double>((*random)() % 20);
   }
-
-  std::vector<std::string> said;
-
- private:
-  void Note(std::string text) {
-    EXPECT_NE(std::this_thread::get_id() == giver_, has_thread_) << text;
-    said.push_back(std::move(text));
+  std::vector<Eigen::Vector3d> landmarks;
+  switch ((*random)() % 8) {
+    case 0:
+      break;
+    case 1:
+      landmarks.assign(50, {nan, 0, 0});
+      break;
+    case 2:
+      landmarks.assign(50, {0, 0, 0});
+      break;
+    case 3:
+      landmarks.assign(3, {*x, 0, kWallDepth});
+      break;
+    default:
+      landmarks = WallLandmarks();
+      for (auto& point : landmarks) point.x() += *x - 5;
   }
-  void Note(const char* kind, const KeyframeDepth& maps) {
-    std::string text = Concat(kind, " ", maps.frame->id, " ", maps.depth(0, 0), " ", maps.points_in_camera.size());
-    if (!maps.confidence.empty()) text += Concat(" ", maps.confidence(0, 0));
-    for (const int64_t id : maps.source_ids) text += Concat(" ", id);
-    Note(text);
-  }
+  Frame frame = MakeWallFrame(id, *x, std::move(landmarks));
+  if ((*random)() % 15 == 0) frame.cam_from_world.linear()(0, 0) = nan;
+  return std::make_shared<Frame>(std::move(frame));
+}
 
-  const bool has_thread_;
-  const std::thread::id giver_ = std::this_thread::get_id();
-};
+DenseMapperOptions RandomOptions(std::mt19937* random) {
+  const int window_size = 2 + static_cast<int>((*random)() % 7);
+  const int lookahead = static_cast<int>((*random)() % static_cast<unsigned>(window_size));
+  const int min_views = 1 + static_cast<int>((*random)() % static_cast<unsigned>(std::min(3, window_size - 1)));
+  DenseMapperOptions options = FakeOptions(window_size, lookahead, min_views);
+  options.pipeline.geometric_passes = static_cast<int>((*random)() % 3);
+  options.pipeline.start_level = static_cast<int>((*random)() % 3);
+  if ((*random)() % 2 == 0) options.fallback_depth_range = {1, 20};
+  options.refine_again = (*random)() % 2 == 0;
+  return options;
+}
 
-/// Its planes depend on everything a pass reads: whoever reads another estimate gets another map.
-class HashEngine : public FakeEngine {
- protected:
-  EstimateState Answer(const PassRequest& request) override {
-    uint32_t hash = Mix(static_cast<uint32_t>(request.pass), static_cast<float>(request.geometric_pass));
-    hash = Mix(hash, static_cast<float>(request.reference()));
-    for (const EngineView& source : request.problem.sources) {
-      const DepthMap depth = SourceDepth(request, source);
-      hash = Mix(hash, static_cast<float>(source.frame->id));
-      hash = Mix(hash, depth.empty() ? -1.0f : depth(0, 0));
+/// What became of each keyframe, from the events of a harness.
+struct Account {
+  void Book(const std::vector<std::string>& events) {
+    for (const std::string& event : events) {
+      const size_t space = event.find(' ');
+      const int64_t id = std::stoll(event.substr(space + 1));
+      const std::string kind = event.substr(0, space);
+      if (kind == "fast") {
+        EXPECT_EQ(ended.count(id), 0u) << "fast after its end: " << id;
+        EXPECT_TRUE(fast.insert(id).second) << "fast twice: " << id;
+      } else {
+        EXPECT_TRUE(ended.insert(id).second) << "ended twice: " << id;
+        EXPECT_EQ(kind == "refined" && fast.count(id) == 0, false) << "refined without fast: " << id;
+        if (kind == "refined") refined.insert(id);
+      }
+      EXPECT_EQ(added.count(id), 1u) << "never added: " << id;
     }
-    if (request.start) hash = Mix(hash, DownloadDepth(request.start)(0, 0));
-    const double depth = kWallDepth * (1 + 1e-3 * static_cast<double>(hash >> 8) / (1 << 24));
-    return UniformState(request.camera(), {0, 0, -1, static_cast<float>(depth)}, 0.05f);
   }
 
- private:
-  static uint32_t Mix(uint32_t hash, float value) {
-    uint32_t bits = 0;
-    std::memcpy(&bits, &value, sizeof(bits));
-    return (hash ^ bits) * 2654435761u + 12345u;
+  void BookAgain(const std::vector<int64_t>& refined_again) const {
+    for (const int64_t id : refined_again) EXPECT_EQ(refined.count(id), 1u) << "again, but not once: " << id;
   }
+
+  std::set<int64_t> added;
+  std::set<int64_t> fast;
+  std::set<int64_t> ended;
+  std::set<int64_t> refined;
 };
+
+void FailSometimes(WallEngine* engine, StopRequest* stop, std::mt19937* random) {
+  engine->before_answer = [stop, random](const WallEngine::Call&) {
+    switch ((*random)() % 25) {
+      case 0:
+        throw ProcessingError("device lost");
+      case 1:
+        throw InvalidInputError("bad problem");
+      case 2:
+        throw std::bad_alloc();
+      case 3:
+        if ((*random)() % 4 == 0) stop->Request();
+        break;
+      default:
+        break;
+    }
+  };
+}
+
+TEST(DenseMapperPropertyTest, EveryKeyframeEndsExactlyOnce) {
+  for (unsigned seed = 0; seed < 60; ++seed) {
+    SCOPED_TRACE(seed);
+    std::mt19937 random(seed);
+    DenseMapperOptions options = RandomOptions(&random);
+    MapperHarness harness(options);
+    harness.keep_maps = false;
+    FailSometimes(&harness.engine, &harness.stop, &random);
+    Account account;
+    std::vector<std::weak_ptr<const Frame>> frames;
+    double x = 0;
+    for (int64_t id = 0; id < 40; ++id) {
+      FramePtr frame = RandomFrame(id, &x, &random);
+      frames.push_back(frame);
+      account.added.insert(id);
+      account.Book(harness.Add(std::move(frame)));
+      account.BookAgain(std::exchange(harness.refined_again, {}));
+      const auto kept = std::count_if(frames.begin(), frames.end(), [](const auto& f) { return !f.expired(); });
+      EXPECT_TRUE(kept <= options.window_size || harness.stop.requested()) << kept;
+      EXPECT_EQ(harness.mapper.unfinished(), account.added.size() - account.ended.size());
+      switch (harness.stop.requested() ? 1 : random() % 20) {
+        case 0:
+          account.Book(harness.Flush());
+          account.BookAgain(std::exchange(harness.refined_again, {}));
+          EXPECT_TRUE(harness.stop.requested() || account.ended == account.added);
+          break;
+        case 1:
+          account.Book(harness.Reset());
+          EXPECT_EQ(account.ended, account.added);
+          harness.stop.Clear();
+          break;
+        case 2:
+          options = RandomOptions(&random);
+          harness.mapper.set_options(options);
+          break;
+        default:
+          break;
+      }
+    }
+    if (seed % 2 == 0) account.Book(harness.Flush());
+    account.Book(harness.Reset());
+    EXPECT_EQ(account.ended, account.added);
+    EXPECT_EQ(account.ended.size(), 40u);
+    for (const KeyframeDrop& drop : harness.drops) EXPECT_FALSE(drop.message.empty()) << drop.reason;
+  }
+}
+
+/// Depends on everything that a pass reads: whoever reads another estimate gets another map.
+float HashedDepth(const WallEngine::Call& call) {
+  size_t hash = std::hash<std::string>()(call.pass);
+  const auto mix = [&](double value) { hash = 31 * hash + std::hash<double>()(value); };
+  mix(call.geometric_pass);
+  mix(static_cast<double>(call.reference));
+  for (const int64_t source : call.sources) mix(static_cast<double>(source));
+  for (const float depth : call.source_depths) mix(depth);
+  mix(call.start_depth);
+  return static_cast<float>(kWallDepth * (1 + 1e-3 * static_cast<double>(hash % 1000003) / 1000003));
+}
 
 /// What a random stream, with flushes, resets and changes of options, has a listener hear.
 std::vector<std::string> RunStream(unsigned seed, bool has_thread) {
   std::mt19937 random(seed);
-  HashEngine engine;
   HostDepthEngine output_engine;
-  Listener listener(has_thread);
-  DenseMapper mapper(&engine, RandomOptions(&random), listener.MakeCallbacks(), has_thread ? &output_engine : nullptr);
+  MapperHarness harness(RandomOptions(&random), has_thread ? &output_engine : nullptr);
+  harness.keep_maps = false;
+  harness.engine.depth_of_answer = HashedDepth;
   double x = 0;
   for (int64_t id = 0; id < 40; ++id) {
-    mapper.AddKeyframe(RandomFrame(id, &x, &random));
+    harness.mapper.AddKeyframe(RandomFrame(id, &x, &random));
     switch (random() % 16) {
-      case 0: {
-        mapper.Flush();
-        listener.said.emplace_back("flushed");
+      case 0:
+        harness.mapper.Flush();
+        harness.said.emplace_back("flushed");
         break;
-      }
       case 1:
-        mapper.Reset();
-        listener.said.emplace_back("reset");
+        harness.mapper.Reset();
+        harness.said.emplace_back("reset");
         break;
       case 2:
-        mapper.set_options(RandomOptions(&random));
+        harness.mapper.set_options(RandomOptions(&random));
         break;
       default:
         break;
     }
   }
-  mapper.Flush();
-  listener.said.emplace_back("flushed");
-  return listener.said;
+  harness.mapper.Flush();
+  harness.said.emplace_back("flushed");
+  return harness.said;
 }
 
 TEST(DenseMapperOutputsTest, OfAThreadSayTheSameInTheSameOrder) {
@@ -181,14 +274,12 @@ class FailingHostEngine : public HostDepthEngine {
   int downloads = 0;
 };
 
+/// A mapper whose outputs fail.
 struct FailingMapper {
-  explicit FailingMapper(const DenseMapperOptions& options)
-      : mapper(&engine, options, listener.MakeCallbacks(), &output_engine) {}
+  explicit FailingMapper(const DenseMapperOptions& options) : harness(options, &output_engine) {}
 
-  WallEngine engine;
   FailingHostEngine output_engine;
-  Listener listener{true};
-  DenseMapper mapper;
+  MapperHarness harness;
 };
 
 TEST(DenseMapperOutputsTest, AFailedConsistencyCheckDropsThatKeyframeOnly) {
@@ -196,16 +287,16 @@ TEST(DenseMapperOutputsTest, AFailedConsistencyCheckDropsThatKeyframeOnly) {
   options.refine_again = true;
   FailingMapper failing(options);
   failing.output_engine.fails_consistency_of = 2;
-  for (int id = 0; id < 8; ++id) failing.mapper.AddKeyframe(WallFrame(id));
-  failing.mapper.Flush();
-  const auto& said = failing.listener.said;
+  for (int id = 0; id < 8; ++id) failing.harness.mapper.AddKeyframe(WallFrame(id));
+  failing.harness.mapper.Flush();
+  const auto& said = failing.harness.said;
   EXPECT_THAT(said, Contains("drop 2 processing_error had fast: no memory for points"));
   EXPECT_THAT(said, Not(Contains(HasSubstr("refined 2 "))));
   EXPECT_THAT(said, Not(Contains(HasSubstr("again 2 "))));
   for (const int id : {0, 1, 3, 4, 5, 6, 7}) EXPECT_THAT(said, Contains(HasSubstr(Concat("refined ", id, " "))));
-  EXPECT_EQ(failing.mapper.unfinished(), 0u);
+  EXPECT_EQ(failing.harness.mapper.unfinished(), 0u);
   // Its refined estimate is whole: others read it.
-  const WallEngine::Call call = CallsOf(failing.engine, "geometric", 4)[0];
+  const WallEngine::Call call = CallsOf(failing.harness.engine, "geometric", 4)[0];
   for (size_t i = 0; i < call.sources.size(); ++i) {
     if (call.sources[i] == 2) {
       EXPECT_FLOAT_EQ(call.source_depths[i], kRefinedDepth);
@@ -216,30 +307,31 @@ TEST(DenseMapperOutputsTest, AFailedConsistencyCheckDropsThatKeyframeOnly) {
 TEST(DenseMapperOutputsTest, ADroppedKeyframeGetsNoBetterMaps) {
   FailingMapper failing(RefiningAgain(10));
   failing.output_engine.fails_consistency_of = 1;
-  for (int id = 0; id < 5; ++id) failing.mapper.AddKeyframe(WallFrame(id, id < 3 ? 0.08 * id : 0.35 * (id - 2)));
-  failing.mapper.Flush();
-  EXPECT_THAT(failing.listener.said, Contains(HasSubstr("again 0 "))) << "or the test shows nothing";
-  EXPECT_THAT(failing.listener.said, Not(Contains(HasSubstr("refine_again_failed"))));
+  for (int id = 0; id < 5; ++id)
+    failing.harness.mapper.AddKeyframe(WallFrame(id, id < 3 ? 0.08 * id : 0.35 * (id - 2)));
+  failing.harness.mapper.Flush();
+  EXPECT_THAT(failing.harness.said, Contains(HasSubstr("again 0 "))) << "or the test shows nothing";
+  EXPECT_THAT(failing.harness.said, Not(Contains(HasSubstr("refine_again_failed"))));
 }
 
 TEST(DenseMapperOutputsTest, MissingFastMapsAreAProblemAndTheRefinedOnesCome) {
   FailingMapper failing(FakeOptions(8, 3));
   failing.output_engine.fails_download = 1;
-  for (int id = 0; id < 3; ++id) failing.mapper.AddKeyframe(WallFrame(id));
-  failing.mapper.WaitForOutputs();
-  EXPECT_THAT(failing.listener.said, Contains("problem fast_maps_failed: keyframe 0 has no fast maps: device lost"));
-  EXPECT_THAT(failing.listener.said, Not(Contains(HasSubstr("fast 0 "))));
-  failing.mapper.Flush();
-  EXPECT_THAT(failing.listener.said, Contains(HasSubstr("refined 0 ")));
+  for (int id = 0; id < 3; ++id) failing.harness.mapper.AddKeyframe(WallFrame(id));
+  failing.harness.mapper.WaitForOutputs();
+  EXPECT_THAT(failing.harness.said, Contains("problem fast_maps_failed: keyframe 0 has no fast maps: device lost"));
+  EXPECT_THAT(failing.harness.said, Not(Contains(HasSubstr("fast 0 "))));
+  failing.harness.mapper.Flush();
+  EXPECT_THAT(failing.harness.said, Contains(HasSubstr("refined 0 ")));
 }
 
 TEST(DenseMapperOutputsTest, HadFastTellsWhetherThereWasACall) {
   FailingMapper failing(FakeOptions(8, 3));
   failing.output_engine.fails_download = 1;
   failing.output_engine.fails_consistency_of = 0;
-  for (int id = 0; id < 3; ++id) failing.mapper.AddKeyframe(WallFrame(id));
-  failing.mapper.Flush();
-  EXPECT_THAT(failing.listener.said, Contains("drop 0 processing_error: no memory for points"));
+  for (int id = 0; id < 3; ++id) failing.harness.mapper.AddKeyframe(WallFrame(id));
+  failing.harness.mapper.Flush();
+  EXPECT_THAT(failing.harness.said, Contains("drop 0 processing_error: no memory for points"));
 }
 
 TEST(OutputQueueTest, SubmitWaitsWhileTooManyAreNotDone) {

@@ -120,22 +120,6 @@ TEST(DenseMapperIdenticalPosesTest, GoesOnOnceTheCameraMoves) {
   EXPECT_THAT(CallsOf(harness.engine, "photometric", 0)[0].sources, UnorderedElementsAre(3, 4));
 }
 
-TEST(DenseMapperDepthRangeTest, ComesFromTheLandmarksInView) {
-  const DenseMapperOptions options = FakeOptions(6, 2);
-  MapperHarness harness(options);
-  std::vector<Eigen::Vector3d> whole_map = WallLandmarks();
-  const double nan = std::numeric_limits<double>::quiet_NaN();
-  for (int i = 0; i < 5000; ++i) {
-    whole_map.insert(whole_map.end(), {{nan, nan, nan}, {0, 0, 0}, {0.3, 0, -1.0 - i}, {1000.0 + i, 0, 2}});
-  }
-  for (int id = 0; id < 3; ++id) harness.Add(WallFrame(id, 0.35 * id, whole_map));
-  ASSERT_THAT(harness.fast, SizeIs(3));
-  for (const auto& depth : harness.fast) {
-    EXPECT_FLOAT_EQ(depth->range.min, static_cast<float>(kWallDepth / kDepthMargin));
-    EXPECT_FLOAT_EQ(depth->range.max, static_cast<float>(kWallDepth * kDepthMargin));
-  }
-}
-
 TEST(DenseMapperDepthRangeTest, FallsBackToTheLastThenToTheOptions) {
   DenseMapperOptions options = FakeOptions(6, 2);
   options.fallback_depth_range = {1, 50};

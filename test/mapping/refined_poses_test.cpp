@@ -215,6 +215,30 @@ TEST(RefinedPosesTest, NothingStaysOfAFrontendThatHasLostTrack) {
   EXPECT_EQ(gone.size(), 14u);
 }
 
+// The contradiction is one of the last images, and those show that the camera stands. Until then nothing comes, also
+// where it is a little below the limit: that must be so by half.
+TEST(RefinedPosesTest, AContradictionEndsWhereTheCameraStands) {
+  DenseMapperOptions options = RoomOptions();
+  MapperHarness harness(options);
+  const std::vector<RigidTransform> received = LostFrom(0, TruePoses());
+  Feed(received, &harness);
+  options.pipeline.fusion.max_relative_depth = static_cast<float>(1.3 * *harness.mapper.pose_checks().contradiction);
+  harness.mapper.set_options(options);
+  harness.refined.clear();
+  const size_t last = received.size() - 1;
+  for (size_t i = 0; i < kContradictionImages; ++i) {
+    EXPECT_GT(harness.mapper.pose_checks().contradiction.value_or(0), 0.02) << i;
+    const std::shared_ptr<Frame> frame = RoomFrame(last, received[last]);
+    frame->id += static_cast<int64_t>(i) + 1;
+    frame->stamp_s += 0.2 * static_cast<double>(i + 1);
+    harness.Add(frame);
+  }
+  EXPECT_THAT(harness.refined, IsEmpty());
+  EXPECT_THAT(harness.refined_again, IsEmpty());
+  harness.Flush();
+  EXPECT_EQ(harness.mapper.pose_checks().contradiction, 0.0);
+}
+
 // A jump of one pose, after which the frontend goes on as before: what was withdrawn and what was held back comes.
 // Where the maps of one cannot be made then, it is tried again.
 TEST(RefinedPosesTest, MapsComeWhenPosesAgreeAgain) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -25,7 +26,9 @@ class DepthEvidenceTest : public ::testing::Test {
     for (PlanarView& view : views_) {
       view.depth = RenderPlane(plane, WaveTexture(1, 0.05, 1), view.camera, view.cam_from_world).depth;
     }
-    KernelState state(MakeProblem(views_, 0, {1, 20}, true));
+    PatchMatchProblem problem = MakeProblem(views_, 0, {1, 20}, true);
+    problem.reference.mask_distance = mask_distance_.View();
+    KernelState state(problem);
     const RigidTransform& camera = views_[0].cam_from_world;
     const Eigen::Vector3d normal = camera.linear() * plane.normal;
     const double d = plane.d - normal.dot(camera.translation());
@@ -36,11 +39,23 @@ class DepthEvidenceTest : public ::testing::Test {
     return state;
   }
 
-  WorldPlane wall_ = WorldPlane::Slanted(12, -8, 4);
-  std::vector<PlanarView> views_ = RenderPlanarScene(wall_, kWidth, kHeight, kSources + 1);
+  void SetWall(double distance) {
+    wall_ = WorldPlane::Slanted(12, -8, distance);
+    views_ = RenderPlanarScene(wall_, kWidth, kHeight, kSources + 1);
+  }
+
+  WorldPlane wall_;
+  std::vector<PlanarView> views_;
+  MaskDistanceMap mask_distance_;  ///< of the reference; empty: none
 };
 
-/// The definition in double, sample by sample; -1 where a window leaves the source.
+bool IsMasked(const PatchMatchProblem& problem, int col, int row) {
+  const ImageView<const unsigned char>& distance = problem.reference.mask_distance;
+  return !distance.empty() && distance(col, row) == 0;
+}
+
+/// The definition in double, sample by sample, without what the reference's mask ignores; -1 where a window leaves the
+/// source.
 double ReferenceUnexplained(const PatchMatchProblem& problem, const reference::Plane& plane, int col, int row,
                             int view) {
   const MatchView& source = problem.sources[static_cast<size_t>(view)];
@@ -54,6 +69,7 @@ double ReferenceUnexplained(const PatchMatchProblem& problem, const reference::P
             at.y() <= source.camera.height - 1)) {
         return -1;
       }
+      if (IsMasked(problem, x, y)) continue;
       ours.push_back(problem.reference.gray(x, y));
       theirs.push_back(reference::SampleBilinear(source.gray, at.x(), at.y()));
     }
@@ -73,7 +89,11 @@ double ReferenceEvidence(const KernelState& state, int col, int row) {
   const PatchMatchProblem& problem = state.problem();
   const reference::Plane plane = reference::ToDouble(state.planes(col, row));
   const double depth = reference::Intersect(problem.reference.camera, Eigen::Vector2d(col, row), plane).z();
-  double least = INFINITY;
+  double least = INFINITY, samples = 0;
+  for (int i = 0; i < 36; ++i) {
+    const int x = std::clamp(col + i % 6 * 2 - 5, 0, kWidth - 1), y = std::clamp(row + i / 6 * 2 - 5, 0, kHeight - 1);
+    samples += IsMasked(problem, x, y) ? 0 : 1;
+  }
   std::vector<int> agreeing;
   for (int view = 0; view < kSources; ++view) {
     if (reference::ReprojectionError(problem, depth, col, row, view) < 2 &&
@@ -93,17 +113,32 @@ double ReferenceEvidence(const KernelState& state, int col, int row) {
       sum += std::log((there + 0.5) / (here + 0.5));
     }
     if (2 * compared < static_cast<int>(agreeing.size())) continue;
-    least = std::min(least, 18 * sum * static_cast<double>(agreeing.size()) / compared);
+    least = std::min(least, samples / 2 * sum * static_cast<double>(agreeing.size()) / compared);
   }
   return std::isfinite(least) ? least : 0;
 }
 
 TEST_F(DepthEvidenceTest, AgreesWithTheDefinition) {
-  for (const double factor : {1.0, 0.9}) {
+  // The third asks about a wall before one that is so far away that at the image's border less than half of the views
+  // see it. In the last something moves and has its mask.
+  for (const auto& [distance, factor, is_masked] :
+       {std::tuple(4.0, 1.0, false), {4.0, 0.9, false}, {400.0, 0.01, false}, {4.0, 1.0, true}}) {
+    SetWall(distance);
+    if (is_masked) {
+      Mask mask(kWidth, kHeight, 255);
+      for (int row = 0; row < kHeight; ++row) {
+        for (int col = row % 8; col < kWidth; col += 8) {
+          mask(col, row) = 0;
+          views_[0].gray(col, row) = 255 - views_[0].gray(col, row);
+        }
+      }
+      mask_distance_ = MakeMaskDistance(mask);
+    }
     KernelState state = State(factor);
     int odd = 0, positive = 0, negative = 0;
     for (int row = 0; row < kHeight; ++row) {
       for (int col = 0; col < kWidth; ++col) {
+        if (IsMasked(state.problem(), col, row)) continue;  // nobody asks
         const double expected = ReferenceEvidence(state, col, row);
         const double evidence = DepthEvidence(state.Context(), col, row);
         // Where a plane fits, what is unexplained is 1e-3 of the variance of some 1000 grey levels^2: float's rounding

@@ -81,7 +81,7 @@ TEST_F(KernelParityTest, DrawnViewsAreTheSameAndNeverImpossible) {
 TEST_F(KernelParityTest, CostsWithExplicitInterpolationDifferByRounding) {
   const auto differences =
       Sorted([](const ParityAnswer& a, const ParityAnswer& b) { return std::abs(a.bilinear_cost - b.bilinear_cost); });
-  // Both are within 5e-4 of the double-precision reference (photometric_cost_test.cpp): fused products and reciprocals
+  // Both are within 5e-4 of the double-precision reference (view_cost_test.cpp): fused products and reciprocals
   // of two units in the last place shift samples of 65 px images by some 1e-5 px.
   EXPECT_LT(differences[kQueries / 2], 2e-5);
   EXPECT_LT(differences[kQueries - kUndecided], 1e-3);

@@ -19,6 +19,7 @@
 #include "acmp_mapping/pipeline/presets.h"
 #include "acmp_mapping/pipeline/schedule.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
+#include "support/absolute_difference.h"
 #include "support/kernel_state.h"
 #include "support/paper_reference.h"
 #include "support/pass_result.h"
@@ -146,7 +147,8 @@ class PapersTest : public ::testing::Test {
   }
   paper::Maps Maps() const { return {state_->planes, state_->cost, state_->selected_views, state_->prior}; }
 
-  /// Runs a pass pixel by pixel beside the reference, and checks that the CPU's pass leaves the same bits.
+  /// Runs a pass pixel by pixel beside the reference, and checks that the CPU's pass, which takes rows in parallel and
+  /// in whatever order, leaves the same bits.
   template <Pass kPass, Method kMethod>
   void RunPass(paper::Stage stage, uint32_t pass, int iterations) {
     constexpr bool kIsOurs = kMethod == Method::kOurs;
@@ -313,6 +315,25 @@ TEST_F(PapersTest, AcmmIsThatOfItsPaper) {
     EXPECT_EQ(schedule[i].pass, steps[i].pass) << i;
     EXPECT_EQ(schedule[i].level, steps[i].level) << i;
   }
+}
+
+/// A cost is its sums and what it makes of them: a pass with another one finds planes as well.
+TEST(MatchingCostTest, AnotherOneFindsPlanes) {
+  const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(25, -15, 4), 53, 40, 4);
+  KernelState state(MakeProblem(views, 0, {2, 8}));
+  const auto context = state.ContextWith(AbsoluteDifferenceSampler{state.Context().sampler});
+  for (int step = -1; step < 2 * 3; ++step) {
+    for (int row = 0; row < 40; ++row) {
+      for (int col = 0; col < 53; ++col) {
+        if (step < 0) {
+          InitializePixel<Pass::kPhotometric>(context, col, row);
+        } else if ((col + row) % 2 == step % 2) {
+          UpdatePixel<Pass::kPhotometric>(context, col, row, step / 2);
+        }
+      }
+    }
+  }
+  EXPECT_GT(ShareWithin(ToDepthMap(state.planes, views[0].camera), views[0].depth, 0.02), 0.8);
 }
 
 }  // namespace

@@ -22,10 +22,4 @@ inline std::vector<SupportPoint> RandomPoints(int width, int height, int count, 
   return points;
 }
 
-/// Twice the signed area of (a, b, c), positive when they turn from the column axis towards the row axis.
-inline long long DoubledArea(const SupportPoint& a, const SupportPoint& b, const SupportPoint& c) {
-  return static_cast<long long>(b.col - a.col) * (c.row - a.row) -
-         static_cast<long long>(c.col - a.col) * (b.row - a.row);
-}
-
 }  // namespace acmp

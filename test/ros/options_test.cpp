@@ -11,7 +11,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "acmp_mapping/mapping/window_options.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "support/error_text.h"
 
 namespace acmp {

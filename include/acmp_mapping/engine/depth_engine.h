@@ -2,20 +2,47 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
-#include "acmp_mapping/engine/estimate_transfer.h"
-#include "acmp_mapping/engine/fusion_engine.h"
-#include "acmp_mapping/engine/matching_engine.h"
+#include "acmp_mapping/engine/engine_problem.h"
+#include "acmp_mapping/fill/fill_options.h"
+#include "acmp_mapping/patch_match/patch_match_options.h"
+#include "acmp_mapping/planar_prior/planar_prior.h"
 
 namespace acmp {
 
-/// All that a device does. Same input, options and device: same bits. An engine is used by one thread at a time; images
-/// and estimates may be shared among the engines that Share() made. Handles of another device are an InvalidInputError.
-/// Every method throws InvalidInputError for bad input and ProcessingError when the device fails; after either the
-/// engine can be used again. The interfaces are virtual bases, so that an engine can inherit the parts that implement
-/// them.
-class DepthEngine : public virtual MatchingEngine, public virtual FusionEngine, public virtual EstimateTransfer {
+/// Maps of an estimate in host memory.
+struct EstimateMaps {
+  DepthMap depth;
+  NormalMap normal;
+  CostMap cost;
+};
+
+/// Views of such maps.
+struct EstimateMapViews {
+  ImageView<const float> depth;
+  ImageView<const Vec3f> normal;
+  ImageView<const float> cost;
+};
+
+/// Throw InvalidInputError unless the maps have the camera's size.
+void CheckUpload(const EstimateState& state, const PinholeCamera& camera);
+void CheckUpload(const EstimateMapViews& maps, const PinholeCamera& camera);
+
+/// Which pixels of which frames have gone into points (see FuseView), on the devices of the engines that use it.
+class FusionStamps {
  public:
+  virtual ~FusionStamps() = default;
+};
+
+/// All that a device does. Same input, options and device: same bits. Images and estimates stay where the steps run. An
+/// engine is used by one thread at a time; images and estimates may be shared among the engines that Share() made.
+/// Handles of another device are an InvalidInputError. Every method throws InvalidInputError for bad input and
+/// ProcessingError when the device fails; after either the engine can be used again.
+class DepthEngine {
+ public:
+  virtual ~DepthEngine() = default;
+
   /// Another engine on the same device, for another thread: the two work at the same time and share handles.
   virtual std::unique_ptr<DepthEngine> Share() = 0;
 
@@ -26,6 +53,98 @@ class DepthEngine : public virtual MatchingEngine, public virtual FusionEngine, 
 
   /// "cpu (2 threads)", "NVIDIA H200 (cuda:0)".
   virtual std::string device_name() const = 0;
+
+  // The steps of Algorithm 1 that touch pixels, and the filling of what they leave unverified.
+
+  /// @param levels how many times the image is halved, 0..2: the levels that passes can then ask for
+  virtual EngineImagePtr Load(const FramePtr& frame, int levels) = 0;
+
+  /// Steps 3-8 on the images halved `level` times. The estimate has the size of those.
+  virtual EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                           int level) = 0;
+
+  /// Every pixel takes plane and cost of the pixel that covers it in an estimate of `level`; size of the full image.
+  virtual EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) = 0;
+
+  /// Support points (step 10) in the pixels of the estimate.
+  virtual std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
+                                                      const PlanarPriorOptions& options) = 0;
+
+  /// Steps 12-20 from an estimate at full size, whose memory they take if nobody else holds it.
+  virtual EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
+                                           EngineEstimatePtr start, const PriorMesh& prior) = 0;
+
+  /// Steps 22-30, once, from an estimate at any level, taken as in RunPlanarPrior, on the images of that level. The
+  /// sources' estimates, of the same level, are read as they are; `pass` (0, 1, ...) selects the random numbers.
+  virtual EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                         EngineEstimatePtr start, int pass) = 0;
+
+  /// ACMM's step between two scales (RestorePixel): pixels of a photometric estimate, which is taken as in
+  /// RunPlanarPrior, take the upsampled planes of the next coarser level's estimate unless they match clearly better.
+  virtual EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
+                                           EngineEstimatePtr start, const EngineEstimatePtr& coarser) = 0;
+
+  /// FillUnverified of the reference's estimate `start`, which is taken as in RunPlanarPrior, against the sources';
+  /// those without one do not count. Pixels that get another surface's plane have a cost of kWorstCost or
+  /// kUnverifiedCost then.
+  virtual EngineEstimatePtr FillUnverified(const EngineProblem& problem, EngineEstimatePtr start,
+                                           const FillOptions& options) = 0;
+
+  /// RemoveUnsupported of the reference's estimate `start`, which is taken as in RunPlanarPrior, with the images,
+  /// against the sources' estimates; those without one do not count.
+  virtual EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) = 0;
+
+  /// Device time of steps and filters since the last call, ms; 0 where it is not measured.
+  virtual double PopDeviceTime() = 0;
+
+  // What is made of finished estimates: confidence, points of one keyframe, points of a whole scene.
+
+  /// FilterByConsistency (fusion/depth_fusion.h) of the reference's estimate (not null) against the sources', with the
+  /// frames' colours; at most kMaxFusionSources of them.
+  virtual ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
+                                                const FusionOptions& options) = 0;
+
+  /// Only the confidences of the same: on a device points would have to be fetched.
+  virtual ConfidenceMap MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
+                                          const FusionOptions& options) {
+    return FilterByConsistency(reference, sources, options).confidence;
+  }
+
+  /// Stamps of no pixel yet, for this engine and all others of its kind: those on the CPU, or on any of the GPUs.
+  virtual std::unique_ptr<FusionStamps> MakeFusionStamps() = 0;
+
+  /// Fuses one view of a scene: the reference's points in the world, in row-major order. A pixel that went into a point
+  /// of an earlier view is not used again, neither averaged nor counted as agreeing; the pixels of one view are decided
+  /// together, so one source pixel may go into several of its points. Views without an estimate take no part.
+  /// The caller fuses views that have a frame in common (as reference or source) one after the other, by rank: anything
+  /// else is a data race. Others do not touch the same stamps: they may be fused in any order, and by several engines
+  /// at the same time. The points are those of fusing all views by rank. An error leaves the stamps of this view half
+  /// set: the fusion cannot go on.
+  /// @param rank the view's own place in the order of fusion, 0..kMaxFusionViews - 1
+  /// @param stamps of MakeFusionStamps of an engine of this kind; of another it is an InvalidInputError
+  virtual PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
+                              const FusionOptions& options, int rank, FusionStamps* stamps) = 0;
+
+  /// Which pixels of a frame have gone into points, at its size: 1 or 0. For another process that goes on with the
+  /// fusion. `stamps` as for FuseView.
+  virtual Image<unsigned char> FusedPixels(const Frame& frame, FusionStamps* stamps) = 0;
+  /// Before any view is fused: these pixels of a frame count as those of a view of rank 0, so that ranks go on from 1.
+  /// Throws InvalidInputError for pixels of another size than the frame's.
+  virtual void SetFusedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) = 0;
+
+  // The way of estimates to the host, back, and from one device to another.
+
+  virtual EstimateMaps Download(const EngineEstimatePtr& estimate) = 0;
+  /// Only the depths of the same: a sixth of what has to come from a device.
+  virtual DepthMap DownloadDepth(const EngineEstimatePtr& estimate) { return Download(estimate).depth; }
+  virtual EstimateState DownloadState(const EngineEstimatePtr& estimate) = 0;
+  virtual EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) = 0;
+
+  /// The estimate where this engine can use it: copied from another GPU, else as it is.
+  virtual EngineEstimatePtr Import(const EngineEstimatePtr& estimate) { return estimate; }
+
+  /// An estimate with these depths and normals, for the consistency check and fusion.
+  virtual EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) = 0;
 };
 
 }  // namespace acmp

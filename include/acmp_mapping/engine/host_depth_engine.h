@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "acmp_mapping/engine/depth_engine.h"
+#include "acmp_mapping/fusion/point_losses.h"
 
 namespace acmp {
 
@@ -29,6 +30,9 @@ class HostDepthEngine : public DepthEngine {
   EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
+  /// What becomes of the reference's pixels in FilterByConsistency (CountPointLosses).
+  PointLosses CountLosses(const EngineView& reference, const std::vector<EngineView>& sources,
+                          const FusionOptions& options, int step);
   std::unique_ptr<FusionStamps> MakeFusionStamps() override;
   PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
                       int rank, FusionStamps* stamps) override;

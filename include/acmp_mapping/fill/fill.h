@@ -3,7 +3,7 @@
 #include "acmp_mapping/fill/fill_options.h"
 #include "acmp_mapping/fill/kernel/fill_grid.h"
 #include "acmp_mapping/fill/kernel/free_space.h"
-#include "acmp_mapping/fusion/fusion_setup.h"
+#include "acmp_mapping/fusion/depth_fusion.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 
 namespace acmp {
@@ -24,7 +24,7 @@ int MinConsistentViews(int num_sources);
 /// half of all suffice.
 int StrongViews(int num_sources);
 
-/// A context without its maps and seeds, which depend on the device.
+/// A context without its maps and seeds, which depend on the device. Throws InvalidInputError for a range that is none.
 FillContext MakeFillContext(const PinholeCamera& camera, const DepthRange& range, const FillOptions& options,
                             int num_sources);
 
@@ -35,10 +35,10 @@ FillContext MakeFillContext(const PinholeCamera& camera, const DepthRange& range
 /// kWorstCost, the others kUnverifiedCost. Then, if it is asked for, a weighted median (WeightedMedianPixel) where
 /// surfaces meet: a window beside something nearer takes its depth, all views do so alike, and surfaces in the free
 /// space of sources count less.
-/// @param reference,sources as FilterByConsistency takes them; sources without a depth map do not count
+/// @param setup with ConsistencyLimits, of maps in host memory as they were before; without sources nothing changes
 /// @param planes,cost of the reference; changed
-void FillUnverified(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,
-                    const FillOptions& options, ImageView<PlaneHypothesis> planes, ImageView<float> cost);
+void FillUnverified(const FusionSetup& setup, const DepthRange& range, const FillOptions& options,
+                    const ImageView<PlaneHypothesis>& planes, const ImageView<float>& cost);
 
 /// Gives kUnsupportedCost to pixels that no texture speaks for and whose surface would hide something that is evidently
 /// farther away (RemoveUnsupportedPixel): walls drawn into a sky, above all.

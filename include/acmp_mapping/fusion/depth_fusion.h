@@ -3,24 +3,12 @@
 #include <vector>
 
 #include "acmp_mapping/fusion/fusion_options.h"
-#include "acmp_mapping/fusion/kernel/confidence.h"
+#include "acmp_mapping/fusion/kernel/fusion_context.h"
 #include "acmp_mapping/fusion/point_cloud.h"
-#include "acmp_mapping/geometry/pinhole_camera.h"
-#include "acmp_mapping/geometry/rigid_transform.h"
+#include "acmp_mapping/geometry/posed_camera.h"
 #include "acmp_mapping/image/image.h"
 
 namespace acmp {
-
-/// One image's maps as fusion sees them; the pixels belong to the caller. Sizes of different views may differ; an empty
-/// depth map takes no part.
-struct FusionView {
-  PinholeCamera camera;
-  RigidTransform cam_from_world = RigidTransform::Identity();
-  ImageView<const float> depth;   ///< z, 0 = unknown
-  ImageView<const Vec3f> normal;  ///< camera frame
-  ImageView<const float> cost;    ///< see CostMap; from kWorstCost on unconfirmed: confirms no other pixel
-  ImageView<const Rgb> color;     ///< may be empty: points are black
-};
 
 /// What source views say of a reference view.
 struct ConsistencyResult {
@@ -28,11 +16,65 @@ struct ConsistencyResult {
   PointCloud points_in_camera;  ///< of pixels that FusionOptions keeps, averaged with agreeing views; reference frame
 };
 
-/// Checks one reference view against source views (FusionOptions; paper, "Fusion"). A source's depth is that of its
-/// nearest pixel's plane at the place (DepthAtPlace), with min_consistent_views > 0 that of the pixel; a pixel without
-/// a normal agrees with nothing. Points come in row-major order. Throws InvalidInputError for maps that do not fit
-/// their camera, poses that are not rigid and more than 255 sources. Does not modify or mark the sources.
-ConsistencyResult FilterByConsistency(const FusionView& reference, const std::vector<FusionView>& sources,
-                                      const FusionOptions& options);
+constexpr int kMaxFusionViews = kUnfusedStamp;  ///< with a stamp each
+
+FusionLimits MakeFusionLimits(const FusionOptions& options);
+
+/// Throws InvalidInputError unless a stamp can hold the view's place in the order of fusion, 0..kMaxFusionViews - 1.
+Stamp StampOfRank(int rank);
+
+/// What DepthEngine::FusedPixels says of a frame's stamps, and stamps that say the same in a fusion that goes on.
+Image<unsigned char> FusedOf(const ImageView<const Stamp>& stamps);
+/// Throws InvalidInputError unless `used` has the size of the camera's image.
+Image<Stamp> StampsOfFused(const Image<unsigned char>& used, const PinholeCamera& camera);
+
+/// Composes the context of one reference view, of maps on the device that is to run it.
+class FusionSetup {
+ public:
+  /// @param target_from_reference from the reference camera to the frame in which points are wanted
+  FusionSetup(const PosedCamera& camera, const FusionMaps& maps, const FusionLimits& limits,
+              const RigidTransform& target_from_reference);
+
+  /// For fusion: the reference's stamps and its place in the order of fusion.
+  void SetStamps(const ImageView<Stamp>& stamps, Stamp current) {
+    context_.stamps = stamps;
+    context_.current = current;
+  }
+
+  /// @param stamps the source's, for fusion
+  void AddSource(const PosedCamera& camera, const FusionMaps& maps, const ImageView<Stamp>& stamps);
+
+  const PinholeCamera& camera() const { return camera_.camera; }  ///< the reference's
+  const FusionMaps& reference() const { return context_.reference; }
+  const std::vector<FusionSource>& sources() const { return sources_; }
+
+  /// @param sources where the device finds a copy of sources()
+  FusionContext Context(const FusionSource* sources) const {
+    FusionContext context = context_;
+    context.sources = sources;
+    context.num_sources = static_cast<int>(sources_.size());
+    return context;
+  }
+
+ private:
+  PosedCamera camera_;
+  RigidTransform target_from_reference_;
+  FusionContext context_ = {};
+  std::vector<FusionSource> sources_;
+};
+
+// The host's, of maps in its memory.
+
+/// LogOdds of all pixels of the reference.
+Image<float> MeasureOdds(const FusionContext& context);
+
+/// DepthEngine::FilterByConsistency (FusionOptions; paper, "Fusion"): checks the reference against the sources, which
+/// are neither changed nor marked. A source's depth is that of its nearest pixel's plane at the place (DepthAtPlace),
+/// with min_consistent_views > 0 that of the pixel; a pixel without a normal agrees with nothing. Points come in
+/// row-major order.
+ConsistencyResult FilterByConsistency(const FusionSetup& setup);
+
+/// DepthEngine::FuseView: its points; stamps the pixels that they used.
+PointCloud FuseView(const FusionSetup& setup);
 
 }  // namespace acmp

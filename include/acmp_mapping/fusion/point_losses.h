@@ -2,7 +2,6 @@
 
 #include <cstddef>
 #include <string>
-#include <vector>
 
 #include "acmp_mapping/fusion/depth_fusion.h"
 
@@ -23,10 +22,10 @@ struct PointLosses {
   size_t points = 0;
 };
 
-/// Looks at every `step`-th pixel of every `step`-th row. Sources with an empty depth map take no part; with no other
-/// all known pixels are `outside`. Throws InvalidInputError as FilterByConsistency does and unless step is 1..1000.
-PointLosses CountPointLosses(const FusionView& reference, const std::vector<FusionView>& sources,
-                             const FusionOptions& options, int step);
+/// Looks at every `step`-th pixel of every `step`-th row. Without a source all known pixels are `outside`. Throws
+/// InvalidInputError unless step is 1..1000.
+/// @param setup of maps in host memory
+PointLosses CountPointLosses(const FusionSetup& setup, int step);
 
 /// "reprojection 71 %, depth 20 %, confidence 9 %", most first, without what is below 1 %; then what may be the cause
 /// of the first, as a clause for users of the ROS node. `options` are those that it was counted with.

@@ -4,6 +4,7 @@
 #include <memory>
 #include <string>
 
+#include "acmp_mapping/common/option.h"
 #include "acmp_mapping/engine/depth_engine.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/source_view_selection.h"
@@ -36,6 +37,9 @@ struct DenseMapperOptions {
 };
 /// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const DenseMapperOptions& options);
+
+/// Options of the sliding window that a user can set, without those of its pipeline.
+OptionList OptionsOf(DenseMapperOptions* options);
 
 /// Online mapping over a sliding window: feed posed frames in time order, get fast maps as soon as enough past views
 /// exist, and refined, consistency-checked maps with points once `lookahead` later keyframes have come. The steps of a

@@ -19,8 +19,8 @@ ACMP_HOST_DEVICE inline double ColorWeight(int distance) {
 
 /// Calls function(col, row, weight) for the pixels around one of the reference that are inside the image: 24, in 8
 /// directions at 4, 8 and 16 px. Their weight is ColorWeight, or 1 without colours.
-template <class View, class Function>
-ACMP_HOST_DEVICE inline void ForEachAround(const View& reference, int col, int row, const Function& function) {
+template <class Function>
+ACMP_HOST_DEVICE inline void ForEachAround(const FusionMaps& reference, int col, int row, const Function& function) {
   const bool has_color = !reference.color.empty();
   for (int step = 4; step <= 16; step *= 2) {
     const int diagonal = step * 3 / 4;  // nearly as far: 0.75 sqrt(2) = 1.06
@@ -30,7 +30,7 @@ ACMP_HOST_DEVICE inline void ForEachAround(const View& reference, int col, int r
       const int length = right == 0 || down == 0 ? step : diagonal;
       const int c = col + right * length, r = row + down * length;
       if (!reference.depth.Contains(c, r)) continue;
-      function(c, r, has_color ? ColorWeight(ColorDistance(reference.Color(col, row), reference.Color(c, r))) : 1.0);
+      function(c, r, has_color ? ColorWeight(ColorDistance(reference.color(col, row), reference.color(c, r))) : 1.0);
     }
   }
 }
@@ -42,8 +42,7 @@ constexpr double kMaxUnevenness = 0.1;
 /// Unknown depths do not count; with none, or a plane that does not face the camera, it is kMaxUnevenness. A wrong
 /// estimate rarely fits its surroundings: without any view this alone sorts errors better than the number of consistent
 /// views does.
-template <class View>
-ACMP_HOST_DEVICE inline double SurfaceUnevenness(const FusionContext<View>& context, const ReferencePixel& pixel) {
+ACMP_HOST_DEVICE inline double SurfaceUnevenness(const FusionContext& context, const ReferencePixel& pixel) {
   // The plane's depth is inverse to m . (u, v, 1), which is negative where the plane faces the camera.
   const double* from_pixel = context.geometry.target_from_pixel.m;
   const Vec3d& n = pixel.normal;
@@ -54,7 +53,7 @@ ACMP_HOST_DEVICE inline double SurfaceUnevenness(const FusionContext<View>& cont
   if (!(here < 0)) return kMaxUnevenness;
   double sum = 0, weights = 0;
   ForEachAround(context.reference, pixel.col, pixel.row, [&](int col, int row, double weight) {
-    const float depth = context.reference.Depth(col, row);
+    const float depth = context.reference.depth(col, row);
     if (!IsKnown(depth)) return;
     const double there = Dot(m, Vec3d{static_cast<double>(col), static_cast<double>(row), 1});
     const double deviation = std::fabs(there * depth / here - 1);
@@ -88,11 +87,10 @@ ACMP_HOST_DEVICE inline double GradedAgreement(double reprojection_px, double re
   return angle_versine < kFullVersine ? fit * std::sqrt(angle_versine > 0 ? angle_versine / kFullVersine : 0) : fit;
 }
 
-template <class View>
-ACMP_HOST_DEVICE inline ViewEvidence GatherEvidence(const FusionContext<View>& context, const ReferencePixel& pixel) {
+ACMP_HOST_DEVICE inline ViewEvidence GatherEvidence(const FusionContext& context, const ReferencePixel& pixel) {
   ViewEvidence evidence;
   for (int i = 0; i < context.num_sources; ++i) {
-    const FusionSource<View>& source = context.sources[i];
+    const FusionSource& source = context.sources[i];
     SourcePlace place;
     if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
     ++evidence.views;
@@ -120,9 +118,8 @@ ACMP_HOST_DEVICE inline double LogOddsOf(const ViewEvidence& evidence, double un
 
 /// LogOddsOf a pixel of the reference by itself. Without a normal nothing speaks for it. An unsupported one has a
 /// quarter of the odds: on surfaces they fall by less (exp(-0.33) was fitted), in a sky to nothing.
-template <class View>
-ACMP_HOST_DEVICE inline float LogOdds(const FusionContext<View>& context, int col, int row) {
-  if (!IsKnown(context.reference.Depth(col, row))) return kUnknownOdds;
+ACMP_HOST_DEVICE inline float LogOdds(const FusionContext& context, int col, int row) {
+  if (!IsKnown(context.reference.depth(col, row))) return kUnknownOdds;
   constexpr double kQuarter = -1.4;
   ReferencePixel pixel;
   const double log_odds = LoadReferencePixel(context, col, row, &pixel)
@@ -135,17 +132,16 @@ ACMP_HOST_DEVICE inline float LogOdds(const FusionContext<View>& context, int co
 /// and of the surface around it (ForEachAround, depths within 10 %). Where a surface is wrong it is so in patches: what
 /// is known of one pixel says much about the next. 0 without depth.
 /// @param context with `log_odds` of all pixels
-template <class View>
-ACMP_HOST_DEVICE inline double ConfidenceOf(const FusionContext<View>& context, int col, int row) {
+ACMP_HOST_DEVICE inline double ConfidenceOf(const FusionContext& context, int col, int row) {
   constexpr float kSameSurface = 0.1f;
   const float own = context.log_odds(col, row);
   if (own == kUnknownOdds) return 0;
-  const float depth = context.reference.Depth(col, row);
+  const float depth = context.reference.depth(col, row);
   double sum = own, weights = 1;
   ForEachAround(context.reference, col, row, [&](int c, int r, double weight) {
     const float odds = context.log_odds(c, r);
     if (odds == kUnknownOdds) return;
-    if (!(std::fabs(context.reference.Depth(c, r) - depth) < kSameSurface * depth)) return;
+    if (!(std::fabs(context.reference.depth(c, r) - depth) < kSameSurface * depth)) return;
     sum += weight * odds;
     weights += weight;
   });

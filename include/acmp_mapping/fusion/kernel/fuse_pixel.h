@@ -6,28 +6,19 @@
 
 namespace acmp {
 
-/// A reference pixel and its matches added up, so that no list of matches is kept; at most kMaxSources sources.
-template <int kMaxSources>
+/// A reference pixel and its matches added up, so that no list of matches is kept.
 struct MatchSum {
-  int count;                                  ///< of matches
-  double weight;                              ///< as all below with the reference pixel
-  Vec3d homogeneous;                          ///< z (u, v, 1) in the reference, times weight
-  Vec3d normal;                               ///< target frame, times weight
-  unsigned red, green, blue, num_colors;      ///< of the pixels whose view has colours
-  uint32_t matched[(kMaxSources + 31) / 32];  ///< a bit per source
+  int count;                              ///< of matches
+  double weight;                          ///< as all below with the reference pixel
+  Vec3d homogeneous;                      ///< z (u, v, 1) in the reference, times weight
+  Vec3d normal;                           ///< target frame, times weight
+  unsigned red, green, blue, num_colors;  ///< of the pixels whose view has colours
+  uint32_t matched;                       ///< a bit per source
 };
 
-/// Which word of MatchSum::matched has a source's bit. Constant where there is one word, which stays in a register
-/// then.
-template <int kMaxSources>
-ACMP_HOST_DEVICE inline int WordOf(int source) {
-  return kMaxSources <= 32 ? 0 : source / 32;
-}
-
-template <class View, int kMaxSources>
-ACMP_HOST_DEVICE inline void AddColor(const View& view, int col, int row, MatchSum<kMaxSources>* sum) {
+ACMP_HOST_DEVICE inline void AddColor(const FusionMaps& view, int col, int row, MatchSum* sum) {
   if (view.color.empty()) return;
-  const Rgb color = view.Color(col, row);
+  const Rgb color = view.color(col, row);
   sum->red += color.r;
   sum->green += color.g;
   sum->blue += color.b;
@@ -35,35 +26,29 @@ ACMP_HOST_DEVICE inline void AddColor(const View& view, int col, int row, MatchS
 }
 
 /// The sum of the reference pixel alone.
-template <class View, int kMaxSources>
-ACMP_HOST_DEVICE inline void StartSum(const View& reference, const ReferencePixel& pixel, MatchSum<kMaxSources>* sum) {
+ACMP_HOST_DEVICE inline void StartSum(const FusionMaps& reference, const ReferencePixel& pixel, MatchSum* sum) {
   sum->count = 0;
   sum->weight = 1;
   sum->homogeneous = pixel.homogeneous;
   sum->normal = pixel.normal;
-  sum->red = sum->green = sum->blue = sum->num_colors = 0;
-  for (uint32_t& word : sum->matched) word = 0;
+  sum->red = sum->green = sum->blue = sum->num_colors = sum->matched = 0;
   AddColor(reference, pixel.col, pixel.row, sum);
 }
 
-template <class View, int kMaxSources>
-ACMP_HOST_DEVICE inline void AddMatch(const View& view, int source, const PixelMatch& match,
-                                      MatchSum<kMaxSources>* sum) {
+ACMP_HOST_DEVICE inline void AddMatch(const FusionMaps& view, int source, const PixelMatch& match, MatchSum* sum) {
   ++sum->count;
   sum->weight += match.weight;
   sum->homogeneous = sum->homogeneous + match.weight * match.homogeneous;
   sum->normal = sum->normal + match.weight * match.normal;
-  sum->matched[WordOf<kMaxSources>(source)] |= 1u << (source % 32);
+  sum->matched |= 1u << source;
   AddColor(view, match.col, match.row, sum);
 }
 
 /// The reference pixel and what agrees with it.
-template <class View, int kMaxSources>
-ACMP_HOST_DEVICE inline void SumMatches(const FusionContext<View>& context, const ReferencePixel& pixel,
-                                        MatchSum<kMaxSources>* sum) {
+ACMP_HOST_DEVICE inline void SumMatches(const FusionContext& context, const ReferencePixel& pixel, MatchSum* sum) {
   StartSum(context.reference, pixel, sum);
   for (int i = 0; i < context.num_sources; ++i) {
-    const FusionSource<View>& source = context.sources[i];
+    const FusionSource& source = context.sources[i];
     SourcePlace place;
     if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
     ViewAgreement agreement;
@@ -81,9 +66,8 @@ ACMP_HOST_DEVICE inline unsigned char RoundedMean(unsigned sum, unsigned count) 
 }
 
 /// Mean of the pixel and its matches, target frame.
-template <int kMaxSources>
 ACMP_HOST_DEVICE inline SurfacePoint Average(const ReferenceGeometry& geometry, const ReferencePixel& pixel,
-                                             const MatchSum<kMaxSources>& sum, double confidence) {
+                                             const MatchSum& sum, double confidence) {
   const Vec3d mean = (1.0 / sum.weight) * sum.homogeneous;
   // With limits near 180 degrees normals may cancel; the reference's own is then as good as any.
   const bool cancels = !(Norm(sum.normal) > 1e-6);
@@ -97,17 +81,15 @@ ACMP_HOST_DEVICE inline SurfacePoint Average(const ReferenceGeometry& geometry, 
 }
 
 /// True when a pixel may be a point, whatever its confidence: it has a depth, and nothing speaks against it.
-template <class View>
-ACMP_HOST_DEVICE inline bool MayBePoint(const FusionContext<View>& context, int col, int row) {
+ACMP_HOST_DEVICE inline bool MayBePoint(const FusionContext& context, int col, int row) {
   return context.limits.ByProbability() ? !context.reference.IsUnsupported(col, row)
                                         : !context.reference.IsUnconfirmed(col, row);
 }
 
 /// The mean of a pixel and of what agrees with it; false where it becomes no point.
 /// @param sum set to both where it does
-template <int kMaxSources, class View>
-ACMP_HOST_DEVICE inline bool MakePoint(const FusionContext<View>& context, int col, int row, double confidence,
-                                       ReferencePixel* pixel, MatchSum<kMaxSources>* sum, SurfacePoint* point) {
+ACMP_HOST_DEVICE inline bool MakePoint(const FusionContext& context, int col, int row, double confidence,
+                                       ReferencePixel* pixel, MatchSum* sum, SurfacePoint* point) {
   if (!(confidence >= context.limits.min_confidence) || !MayBePoint(context, col, row)) return false;
   if (!LoadReferencePixel(context, col, row, pixel)) return false;
   SumMatches(context, *pixel, sum);
@@ -118,39 +100,36 @@ ACMP_HOST_DEVICE inline bool MakePoint(const FusionContext<View>& context, int c
 
 /// One pixel of FilterByConsistency: true when it becomes a point, which it then sets.
 /// @param context with `log_odds` of all pixels
-template <int kMaxSources, class View>
-ACMP_HOST_DEVICE inline bool CheckPixel(const FusionContext<View>& context, int col, int row, float* confidence,
+ACMP_HOST_DEVICE inline bool CheckPixel(const FusionContext& context, int col, int row, float* confidence,
                                         SurfacePoint* point) {
   const double probability = ConfidenceOf(context, col, row);
   *confidence = static_cast<float>(probability);
   ReferencePixel pixel;
-  MatchSum<kMaxSources> sum;
+  MatchSum sum;
   return MakePoint(context, col, row, probability, &pixel, &sum, point);
 }
 
 /// Stamps the pixel and its matches. Other pixels of the reference may do so at the same time and to the same matches:
 /// all write the same, and a pixel with this stamp still counts as unused to each of them.
-template <int kMaxSources, class View>
-ACMP_HOST_DEVICE inline void StampFused(const FusionContext<View>& context, const ReferencePixel& pixel,
-                                        const MatchSum<kMaxSources>& sum) {
+ACMP_HOST_DEVICE inline void StampFused(const FusionContext& context, const ReferencePixel& pixel,
+                                        const MatchSum& sum) {
   RelaxedStore(&context.stamps(pixel.col, pixel.row), context.current);
   for (int i = 0; i < context.num_sources; ++i) {
-    if ((sum.matched[WordOf<kMaxSources>(i)] >> (i % 32) & 1u) == 0) continue;
-    const FusionSource<View>& source = context.sources[i];
+    if ((sum.matched >> i & 1u) == 0) continue;
+    const FusionSource& source = context.sources[i];
     SourcePlace place;
     if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
     RelaxedStore(&source.stamps(place.col, place.row), context.current);
   }
 }
 
-/// One pixel of FusionEngine::FuseView: true when it becomes a point, which it then sets. Pixels of the
+/// One pixel of DepthEngine::FuseView: true when it becomes a point, which it then sets. Pixels of the
 /// view may be run at the same time and in any order; views one after the other.
 /// @param context with `log_odds` of all pixels
-template <int kMaxSources, class View>
-ACMP_HOST_DEVICE inline bool FusePixel(const FusionContext<View>& context, int col, int row, SurfacePoint* point) {
+ACMP_HOST_DEVICE inline bool FusePixel(const FusionContext& context, int col, int row, SurfacePoint* point) {
   if (IsFused(context.stamps, context.current, col, row) || !MayBePoint(context, col, row)) return false;
   ReferencePixel pixel;
-  MatchSum<kMaxSources> sum;
+  MatchSum sum;
   if (!MakePoint(context, col, row, ConfidenceOf(context, col, row), &pixel, &sum, point)) return false;
   StampFused(context, pixel, sum);
   return true;

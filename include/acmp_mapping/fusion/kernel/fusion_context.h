@@ -6,27 +6,19 @@
 
 namespace acmp {
 
-/// One view's maps where the kernels read them. Normals are Vec3f on the host and the matcher's planes on the device.
-/// A source with an empty depth map takes no part; without colours points are black.
-template <class NormalPixel>
+/// One view's maps where the kernels read them. A source with an empty depth map takes no part; without colours points
+/// are black.
 struct FusionMaps {
-  ImageView<const float> depth;  ///< z, 0 = unknown
-  ImageView<const NormalPixel> normal;
-  ImageView<const float> cost;  ///< see CostMap
+  ImageView<const float> depth;             ///< z, 0 = unknown
+  ImageView<const PlaneHypothesis> planes;  ///< their normals
+  ImageView<const float> cost;              ///< see CostMap
   ImageView<const Rgb> color;
 
-  ACMP_HOST_DEVICE float Depth(int col, int row) const { return depth(col, row); }
-  ACMP_HOST_DEVICE Vec3f Normal(int col, int row) const { return NormalOf(normal(col, row)); }
-  ACMP_HOST_DEVICE float Cost(int col, int row) const { return cost(col, row); }
+  ACMP_HOST_DEVICE Vec3f Normal(int col, int row) const { return planes(col, row).normal(); }
   /// Whether the pixel is unconfirmed: filled where no view had confirmed it (FillUnverified). It confirms no other.
   ACMP_HOST_DEVICE bool IsUnconfirmed(int col, int row) const { return cost(col, row) >= kWorstCost; }
   /// Whether what other images show speaks against the pixel: it never is a point, nor part of one.
   ACMP_HOST_DEVICE bool IsUnsupported(int col, int row) const { return cost(col, row) > kWorstCost; }
-  ACMP_HOST_DEVICE const Rgb& Color(int col, int row) const { return color(col, row); }
-
- private:
-  ACMP_HOST_DEVICE static Vec3f NormalOf(const Vec3f& normal) { return normal; }
-  ACMP_HOST_DEVICE static Vec3f NormalOf(const PlaneHypothesis& plane) { return plane.normal(); }
 };
 
 /// FusionOptions as the kernels compare them.
@@ -62,22 +54,22 @@ struct SourceGeometry {
 using Stamp = uint16_t;
 constexpr Stamp kUnfusedStamp = 0xffff;
 
-template <class View>
+constexpr int kMaxFusionSources = 32;  ///< as many as the matcher takes
+
 struct FusionSource {
   SourceGeometry geometry;
-  View view;
+  FusionMaps view;
   ImageView<Stamp> stamps;  ///< fusion only
 };
 
-/// Everything that the kernels read or write for one reference view; passed to them by value. `View` is a FusionMaps.
-template <class View>
+/// Everything that the kernels read or write for one reference view; passed to them by value.
 struct FusionContext {
   ReferenceGeometry geometry;
-  View reference;
+  FusionMaps reference;
   ImageView<Stamp> stamps;  ///< the reference's; fusion only
-  const FusionSource<View>* sources;
-  int num_sources;
-  Stamp current;  ///< the reference's place in the order of fusion
+  const FusionSource* sources;
+  int num_sources;  ///< at most kMaxFusionSources
+  Stamp current;    ///< the reference's place in the order of fusion
   FusionLimits limits;
   ImageView<const float> log_odds;  ///< LogOdds of the reference's pixels
 };

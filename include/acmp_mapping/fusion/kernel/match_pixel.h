@@ -26,10 +26,8 @@ struct ReferencePixel {
 };
 
 /// Sets what LocateInSource and ProjectBack read: all but ray, point and normal. False where the depth is unknown.
-template <class View>
-ACMP_HOST_DEVICE inline bool LoadReferencePlace(const FusionContext<View>& context, int col, int row,
-                                                ReferencePixel* pixel) {
-  const float depth = context.reference.Depth(col, row);
+ACMP_HOST_DEVICE inline bool LoadReferencePlace(const FusionContext& context, int col, int row, ReferencePixel* pixel) {
+  const float depth = context.reference.depth(col, row);
   if (!IsKnown(depth)) return false;
   pixel->col = col;
   pixel->row = row;
@@ -39,9 +37,7 @@ ACMP_HOST_DEVICE inline bool LoadReferencePlace(const FusionContext<View>& conte
 }
 
 /// False where depth or normal is unknown.
-template <class View>
-ACMP_HOST_DEVICE inline bool LoadReferencePixel(const FusionContext<View>& context, int col, int row,
-                                                ReferencePixel* pixel) {
+ACMP_HOST_DEVICE inline bool LoadReferencePixel(const FusionContext& context, int col, int row, ReferencePixel* pixel) {
   if (!LoadReferencePlace(context, col, row, pixel)) return false;
   const Vec3f normal = context.reference.Normal(col, row);
   if (!IsKnown(normal)) return false;
@@ -59,9 +55,7 @@ struct SourcePlace {
 };
 
 /// False behind and outside the source.
-template <class View>
-ACMP_HOST_DEVICE inline bool LocateInSource(const FusionSource<View>& source, const Vec3d& homogeneous,
-                                            SourcePlace* place) {
+ACMP_HOST_DEVICE inline bool LocateInSource(const FusionSource& source, const Vec3d& homogeneous, SourcePlace* place) {
   const Vec3d projected = source.geometry.to_source * homogeneous + source.geometry.to_source_offset;
   if (!(projected.z > 0)) return false;
   const double x = projected.x / projected.z, y = projected.y / projected.z;
@@ -90,8 +84,7 @@ struct ViewAgreement {
 
 /// Depth of the plane of a source's nearest pixel where the point falls. On a floor that is seen at a slant depths of
 /// neighbouring pixels differ by percents. The nearest pixel's own where the plane, seen from its edge, leaves that.
-template <class View>
-ACMP_HOST_DEVICE inline double DepthAtPlace(const FusionSource<View>& source, const SourcePlace& place, float nearest) {
+ACMP_HOST_DEVICE inline double DepthAtPlace(const FusionSource& source, const SourcePlace& place, float nearest) {
   constexpr double kMaxChange = 0.05;
   const RayGrid& rays = source.geometry.rays;
   const Vec3f normal = source.view.Normal(place.col, place.row);
@@ -104,11 +97,10 @@ ACMP_HOST_DEVICE inline double DepthAtPlace(const FusionSource<View>& source, co
 
 /// What the source's depth at the place means for the reference; false where it knows none. The papers (without
 /// ByProbability) take the nearest pixel's depth and centre.
-template <class View>
-ACMP_HOST_DEVICE inline bool ProjectBack(const FusionSource<View>& source, const FusionLimits& limits,
+ACMP_HOST_DEVICE inline bool ProjectBack(const FusionSource& source, const FusionLimits& limits,
                                          const ReferencePixel& pixel, const SourcePlace& place,
                                          ViewAgreement* agreement) {
-  const float depth = source.view.Depth(place.col, place.row);
+  const float depth = source.view.depth(place.col, place.row);
   if (!IsKnown(depth)) return false;
   const Vec3d homogeneous = limits.ByProbability()
                                 ? DepthAtPlace(source, place, depth) * Vec3d{place.x, place.y, 1}
@@ -141,8 +133,7 @@ struct PixelMatch {
 };
 
 /// True when what the source sees agrees with the pixel and no earlier view has used it.
-template <class View>
-ACMP_HOST_DEVICE inline bool MatchAgreement(const FusionSource<View>& source, const FusionLimits& limits, Stamp current,
+ACMP_HOST_DEVICE inline bool MatchAgreement(const FusionSource& source, const FusionLimits& limits, Stamp current,
                                             const ReferencePixel& pixel, const ViewAgreement& agreement,
                                             PixelMatch* match) {
   const int col = agreement.place.col, row = agreement.place.row;

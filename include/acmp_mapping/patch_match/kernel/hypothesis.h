@@ -2,7 +2,6 @@
 
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
-#include "acmp_mapping/patch_match/kernel/prior_cost.h"
 
 namespace acmp {
 

@@ -5,6 +5,7 @@
 #include "acmp_mapping/patch_match/kernel/hypothesis.h"
 #include "acmp_mapping/patch_match/kernel/match_pairs.h"
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
+#include "acmp_mapping/patch_match/kernel/rate_plane.h"
 
 namespace acmp {
 

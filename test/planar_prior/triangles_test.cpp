@@ -3,12 +3,21 @@
 
 #include <algorithm>
 #include <array>
+#include <random>
+#include <utility>
+#include <vector>
 
 #include "planar_prior/random_points.h"
 #include "support/error_text.h"
 
 namespace acmp {
 namespace {
+
+/// Twice the signed area of (a, b, c), positive when they turn from the column axis towards the row axis.
+long long DoubledArea(const SupportPoint& a, const SupportPoint& b, const SupportPoint& c) {
+  return static_cast<long long>(b.col - a.col) * (c.row - a.row) -
+         static_cast<long long>(c.col - a.col) * (b.row - a.row);
+}
 
 __extension__ using Wide = __int128;
 
@@ -114,6 +123,72 @@ TEST(TriangulateSupportPoints, DoesNotDependOnTheOrderOfThePoints) {
     std::shuffle(points.begin(), points.end(), std::mt19937(seed));
     EXPECT_EQ(sorted_triangles(points), expected);
   }
+}
+
+/// Reference for the top-left rule: the pixel moved right by e and down by e^2, e = 1/1000, lies strictly inside. Exact
+/// in integers scaled by 1 / e^2, and e is small enough for coordinates below 300: a * e + b * e^2 < 1 and b * e < 1.
+bool Covers(const std::vector<SupportPoint>& points, const SupportTriangle& triangle, int col, int row) {
+  constexpr long long kScale = 1000000;
+  const long long x = col * kScale + 1000, y = row * kScale + 1;
+  int positive = 0, negative = 0;
+  for (int k = 0; k < 3; ++k) {
+    const SupportPoint& p = points[triangle.vertex[k]];
+    const SupportPoint& q = points[triangle.vertex[(k + 1) % 3]];
+    const long long side = (q.col - p.col) * (y - p.row * kScale) - (q.row - p.row) * (x - p.col * kScale);
+    positive += side > 0;
+    negative += side < 0;
+  }
+  return positive == 3 || negative == 3;
+}
+
+/// Every pixel against every triangle: at most one covers it, and the raster names exactly that one.
+void ExpectExactRaster(int width, int height, const std::vector<SupportPoint>& points,
+                       const std::vector<SupportTriangle>& triangles) {
+  const Image<int> ids = RasterizeTriangles(width, height, points, triangles);
+  ASSERT_EQ(ids.width(), width);
+  ASSERT_EQ(ids.height(), height);
+  for (int row = 0; row < height; ++row) {
+    for (int col = 0; col < width; ++col) {
+      int expected = -1, count = 0;
+      for (size_t i = 0; i < triangles.size(); ++i) {
+        if (!Covers(points, triangles[i], col, row)) continue;
+        expected = static_cast<int>(i);
+        ++count;
+      }
+      ASSERT_LE(count, 1) << col << ", " << row;
+      ASSERT_EQ(ids(col, row), expected) << col << ", " << row;
+    }
+  }
+}
+
+void ExpectExactRaster(int width, int height, const std::vector<SupportPoint>& points) {
+  ExpectExactRaster(width, height, points, TriangulateSupportPoints(points));
+}
+
+TEST(RasterizeTriangles, PutsEachPixelInExactlyOneTriangle) {
+  for (unsigned seed = 0; seed < 12; ++seed) {
+    ExpectExactRaster(67, 41, RandomPoints(67, 41, 3 + 9 * static_cast<int>(seed), seed));
+  }
+}
+
+TEST(RasterizeTriangles, IsExactAtTheLargestCoordinates) {
+  // The diagonal of a square from corner to corner of the legal range passes through the pixels (i, i): with the
+  // top-left rule they belong to the triangle on the right of the diagonal.
+  const int limit = 1 << 28;
+  const std::vector<SupportPoint> points = {
+      {-limit, -limit, 1}, {limit, -limit, 1}, {limit, limit, 1}, {-limit, limit, 1}};
+  const Image<int> ids = RasterizeTriangles(50, 50, points, {{{0, 1, 2}}, {{0, 2, 3}}});
+  for (int row = 0; row < 50; ++row) {
+    for (int col = 0; col < 50; ++col) ASSERT_EQ(ids(col, row), col >= row ? 0 : 1) << col << ", " << row;
+  }
+}
+
+TEST(RasterizeTriangles, RefusesBadIndicesAndCoordinates) {
+  const std::vector<SupportPoint> points = {{0, 0, 1}, {9, 0, 1}, {0, (1 << 28) + 1, 1}};
+  EXPECT_THROW(RasterizeTriangles(9, 9, points, {{{0, 1, 3}}}), InvalidInputError);
+  EXPECT_THROW(RasterizeTriangles(9, 9, points, {{{0, -1, 1}}}), InvalidInputError);
+  EXPECT_THROW(RasterizeTriangles(9, 9, points, {{{0, 1, 2}}}), InvalidInputError);
+  EXPECT_THROW(RasterizeTriangles(-1, 9, points, {}), InvalidInputError);
 }
 
 }  // namespace
