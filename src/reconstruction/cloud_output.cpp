@@ -2,28 +2,19 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
-#include <utility>
 
 #include "acmp_mapping/common/error.h"
-#include "work_files.h"
+#include "acmp_mapping/dataset/output_file.h"
 
 namespace acmp {
 namespace {
 
-constexpr size_t kBlockPoints = size_t{1} << 16;  // at most: they are in memory at once when they are read
-constexpr size_t kWriteBytes = size_t{1} << 20;   // to the work file at once
+constexpr size_t kBlockPoints = size_t{1} << 16;  // of a work file, in memory at once
 
-/// Of a block in the work file; the points follow.
-struct TileBlock {
-  uint64_t previous = 0;  ///< place of the tile's block before it
-  uint64_t points = 0;
-};
-
-std::string FileNameOf(const std::array<int64_t, 3>& number) {
-  return Concat(number[0], "_", number[1], "_", number[2], ".ply");
-}
+std::string NameOf(const std::array<int64_t, 3>& number) { return Concat(number[0], "_", number[1], "_", number[2]); }
 
 /// As they are in the tile's file.
 nlohmann::json ToJson(const Eigen::Vector3d& origin, const Vec3f& v) {
@@ -37,8 +28,9 @@ nlohmann::json ToJson(const Eigen::Vector3d& origin, const Vec3f& v) {
 TiledCloud::TiledCloud(const OutputFolder* folder, double tile_size, size_t max_bytes, const Eigen::Vector3d& origin)
     : folder_(*folder),
       tile_size_(tile_size),
-      max_points_(std::max<size_t>(max_bytes / sizeof(SurfacePoint) / 2, 1)),  // vectors grow by doubling
-      origin_(origin) {}
+      max_points_(std::max(max_bytes / sizeof(SurfacePoint) / 2, kBlockPoints)),  // vectors grow by doubling
+      origin_(origin),
+      tiles_folder_(folder_.path() / "tiles") {}
 
 TiledCloud::TileNumber TiledCloud::NumberOf(const Vec3f& position) const {
   const auto number = [this](double coordinate) {
@@ -55,22 +47,21 @@ TiledCloud::TileNumber TiledCloud::NumberOf(const Vec3f& position) const {
 
 TiledCloud::Tile* TiledCloud::TileOf(const Vec3f& position) {
   const TileNumber number = NumberOf(position);
-  if (last_tile_ == nullptr || number != last_number_) {
+  if (last_tile_ == nullptr || number != last_tile_->first) {
     const auto [found, is_new] = tiles_.try_emplace(number);
     if (is_new) found->second.min = found->second.max = position;
     if (tiles_.size() > kMaxTiles) {
       throw InvalidInputError(
           Concat("--tile-size = ", tile_size_, ": makes more than ", kMaxTiles, " tiles: they must be larger"));
     }
-    last_number_ = number;
-    last_tile_ = &found->second;
+    last_tile_ = &*found;
   }
-  return last_tile_;
+  return &last_tile_->second;
 }
 
 void TiledCloud::Add(const PointCloud& points) {
   for (const SurfacePoint& point : points) {
-    if (in_memory_ == max_points_) MoveToFile();
+    if (in_memory_ == max_points_) MoveToFiles();
     const Vec3f& position = point.position;
     Tile* tile = TileOf(position);
     tile->min = {std::min(tile->min.x, position.x), std::min(tile->min.y, position.y),
@@ -84,73 +75,56 @@ void TiledCloud::Add(const PointCloud& points) {
   }
 }
 
-void TiledCloud::MoveToFile() {
-  if (!file_) {
-    const std::filesystem::path path = folder_.WorkFile(kFolder, 0);
-    MakeFolder(path.parent_path());
-    file_.emplace(path);
-    reader_.open(file_->temporary_path(), std::ios::binary);
-  }
-  std::string bytes;
-  const auto write = [&] {
-    file_->WriteAt(file_bytes_, bytes.data(), bytes.size());
-    file_bytes_ += bytes.size();
-    bytes.clear();
-  };
+std::filesystem::path TiledCloud::WorkFileOf(const TileNumber& number) const {
+  return work_folder_ / (NameOf(number) + ".bin");
+}
+
+void TiledCloud::MoveToFiles() {
+  if (work_folder_.empty()) work_folder_ = folder_.MakeWorkFolder("tiles");
   for (auto& [number, tile] : tiles_) {
-    for (size_t first = 0; first < tile.in_memory.size(); first += kBlockPoints) {
-      const TileBlock header = {tile.last_block, std::min(kBlockPoints, tile.in_memory.size() - first)};
-      tile.last_block = file_bytes_ + bytes.size();
-      bytes.append(reinterpret_cast<const char*>(&header), sizeof(header));
-      bytes.append(reinterpret_cast<const char*>(&tile.in_memory[first]), header.points * sizeof(SurfacePoint));
-      if (bytes.size() >= kWriteBytes) write();
-    }
+    if (tile.in_memory.empty()) continue;
+    std::ofstream file(WorkFileOf(number), std::ios::binary | std::ios::app);
+    file.write(reinterpret_cast<const char*>(tile.in_memory.data()),
+               static_cast<std::streamsize>(tile.in_memory.size() * sizeof(SurfacePoint)));
+    if (!file.flush()) throw ProcessingError(Concat("cannot write ", WorkFileOf(number).string()));
     tile.in_memory = PointCloud();
   }
-  write();
   in_memory_ = 0;
 }
 
-PointCloud TiledCloud::ReadBlock(uint64_t* place) {
-  TileBlock header;
-  reader_.seekg(static_cast<std::streamoff>(*place));
-  reader_.read(reinterpret_cast<char*>(&header), sizeof(header));
-  PointCloud points(reader_ ? std::min<uint64_t>(header.points, kBlockPoints) : 0);
-  reader_.read(reinterpret_cast<char*>(points.data()),
-               static_cast<std::streamsize>(points.size() * sizeof(SurfacePoint)));
-  if (!reader_) throw ProcessingError(Concat("cannot read the points in ", file_->temporary_path().string()));
-  *place = header.previous;
-  return points;
-}
-
-void TiledCloud::WriteTile(const std::filesystem::path& path, const Tile& tile) {
-  PlyFile file(path, Durability::kProcess, origin_);
-  size_t end = file.Reserve(tile.points) + tile.points - tile.in_memory.size();  // of what is in the work file
-  file.WriteAt(end, tile.in_memory);
-  for (uint64_t block = tile.last_block; block != kNoBlock;) {
-    const PointCloud points = ReadBlock(&block);
-    end -= points.size();
-    file.WriteAt(end, points);
+void TiledCloud::WriteTile(const TileNumber& number, const Tile& tile) const {
+  PlyFile file(tiles_folder_ / (NameOf(number) + ".ply"), Durability::kProcess, origin_);
+  std::ifstream reader;
+  size_t in_file = tile.points - tile.in_memory.size();
+  if (in_file > 0) reader.open(WorkFileOf(number), std::ios::binary);
+  for (PointCloud block; in_file > 0; in_file -= block.size()) {
+    block.resize(std::min(kBlockPoints, in_file));
+    if (!reader.read(reinterpret_cast<char*>(block.data()),
+                     static_cast<std::streamsize>(block.size() * sizeof(SurfacePoint)))) {
+      throw ProcessingError(Concat("cannot read the points in ", WorkFileOf(number).string()));
+    }
+    file.WriteAt(file.Reserve(block.size()), block);
   }
+  file.WriteAt(file.Reserve(tile.in_memory.size()), tile.in_memory);
   file.Commit();
 }
 
 void TiledCloud::Commit(const StopRequest& interrupt) {
-  MakeFolder(FolderOfTiles());
+  MakeFolder(tiles_folder_);
   for (const auto& [number, tile] : tiles_) {
     interrupt.Check();
-    WriteTile(FolderOfTiles() / FileNameOf(number), tile);
+    WriteTile(number, tile);
   }
   WriteIndex();
 }
 
 void TiledCloud::WriteIndex() const {
-  AtomicFile file(FolderOfTiles() / kIndexName, Durability::kPowerCut);
+  AtomicFile file(tiles_folder_ / "index.json", Durability::kPowerCut);
   file.Write(
       Concat("{\"tile_size\": ", nlohmann::json(tile_size_).dump(), ", \"points\": ", points_, ", \"tiles\": ["));
   const char* separator = "\n";
   for (const auto& [number, tile] : tiles_) {
-    const nlohmann::ordered_json line = {{"file", FileNameOf(number)},
+    const nlohmann::ordered_json line = {{"file", NameOf(number) + ".ply"},
                                          {"points", tile.points},
                                          {"min", ToJson(origin_, tile.min)},
                                          {"max", ToJson(origin_, tile.max)}};
@@ -163,62 +137,26 @@ void TiledCloud::WriteIndex() const {
 
 CloudOutput::CloudOutput(const ReconstructRun& run) : interrupt_(run.interrupt) {
   if (run.options.tile_size) {
-    tiles_ =
-        std::make_unique<TiledCloud>(run.folder, *run.options.tile_size, run.options.CloudBytes(), run.plan.origin);
+    tiles_.emplace(run.folder, *run.options.tile_size, run.options.MemoryBytes(run.options.kTileShare),
+                   run.plan.origin);
   } else {
-    file_ = std::make_unique<PlyFile>(run.folder->path() / "fused.ply", Durability::kPowerCut, run.plan.origin);
+    file_.emplace(run.folder->path() / "fused.ply", Durability::kPowerCut, run.plan.origin);
   }
 }
 
-void CloudOutput::WriteAt(size_t first, const PointCloud& points) {
-  if (file_) return file_->WriteAt(first, points);
-  tiles_->Add(points);
+void CloudOutput::Add(const PointCloud& points) {
+  if (tiles_) return tiles_->Add(points);
+  file_->WriteAt(file_->Reserve(points.size()), points);
 }
 
 void CloudOutput::Commit() {
-  if (file_) return file_->Commit();
-  tiles_->Commit(interrupt_);
+  if (tiles_) return tiles_->Commit(interrupt_);
+  file_->Commit();
 }
 
 CloudSize CloudOutput::size() const {
-  if (file_) return {file_->points(), std::nullopt};
-  return {tiles_->points(), tiles_->tiles()};
-}
-
-void WaitingClouds::Put(int index, PointCloud cloud) {
-  const size_t points = cloud.size(), bytes = points * sizeof(SurfacePoint);
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (bytes_ + bytes <= max_bytes_) {
-      bytes_ += bytes;
-      waiting_[index] = {points, std::move(cloud)};
-      return;
-    }
-  }
-  WritePoints(FileOf(index), cloud);
-  const std::lock_guard<std::mutex> lock(mutex_);
-  waiting_[index] = {points, {}};
-}
-
-size_t WaitingClouds::NumPoints(int index) const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return waiting_.at(index).points;
-}
-
-PointCloud WaitingClouds::Take(int index) {
-  Waiting taken;
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    taken = std::move(waiting_.at(index));
-    waiting_.erase(index);
-    bytes_ -= taken.cloud.size() * sizeof(SurfacePoint);
-  }
-  if (taken.cloud.size() == taken.points) return std::move(taken.cloud);
-  std::optional<PointCloud> cloud = ReadPoints(FileOf(index));
-  if (!cloud) throw ProcessingError(Concat("cannot read the ", taken.points, " points of ", FileOf(index).string()));
-  std::error_code ignored;  // what is left goes with the work folder
-  std::filesystem::remove(FileOf(index), ignored);
-  return std::move(*cloud);
+  if (tiles_) return {tiles_->points(), tiles_->tiles()};
+  return {file_->points(), std::nullopt};
 }
 
 }  // namespace acmp

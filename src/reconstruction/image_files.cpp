@@ -15,18 +15,33 @@
 #include "acmp_mapping/dataset/output_file.h"
 
 namespace acmp {
+namespace {
+
+bool Writes(const ReconstructOptions& options, const std::string& kind) {
+  return std::find(options.maps.begin(), options.maps.end(), kind) != options.maps.end();
+}
+
+}  // namespace
+
+std::vector<std::filesystem::path> FilesOfImage(const ReconstructOptions& options, const OutputFolder& folder,
+                                                int index) {
+  std::vector<std::filesystem::path> files;
+  for (const std::string& kind : options.maps) {
+    files.push_back(folder.MapFile(kind, index, ".pfm"));
+    if (!options.no_pictures) files.push_back(folder.MapFile("pictures", index, "_" + kind + ".png"));
+  }
+  if (Writes(options, "depth")) files.push_back(folder.MapFile("depth", index, ".png"));
+  if (options.dmb) files.push_back(folder.MapFile("depth", index, ".dmb"));
+  return files;
+}
 
 ImageFiles::ImageFiles(ReconstructRun* run)
     : run_(*run),
-      measures_confidence_(Writes("confidence") && !run->options.online()) {  // online maps come with theirs
+      measures_confidence_(Writes(run->options, "confidence") &&
+                           !run->options.online()) {  // online maps come with theirs
   for (const std::string& kind : run_.options.maps) MakeFolder(run_.folder->path() / kind);
   if (!run_.options.no_pictures && !run_.options.maps.empty()) MakeFolder(run_.folder->path() / "pictures");
   if (run_.options.colmap) colmap_.emplace(run);
-}
-
-bool ImageFiles::Writes(const std::string& kind) const {
-  const std::vector<std::string>& maps = run_.options.maps;
-  return std::find(maps.begin(), maps.end(), kind) != maps.end();
 }
 
 int ImageFiles::AddTasks(const ImagePlan& image, RunTasks* tasks) {
@@ -57,17 +72,6 @@ void ImageFiles::WarnOfDepthsTooFar() const {
       Concat(too_far_, " pixels deeper than 65.535 units are missing in depth/*.png; the .pfm have them"));
 }
 
-std::vector<std::filesystem::path> ImageFiles::FilesOf(int index) const {
-  std::vector<std::filesystem::path> files;
-  for (const std::string& kind : run_.options.maps) {
-    files.push_back(run_.folder->MapFile(kind, index, ".pfm"));
-    if (!run_.options.no_pictures) files.push_back(run_.folder->MapFile("pictures", index, "_" + kind + ".png"));
-  }
-  if (Writes("depth")) files.push_back(run_.folder->MapFile("depth", index, ".png"));
-  if (run_.options.dmb) files.push_back(run_.folder->MapFile("depth", index, ".dmb"));
-  return files;
-}
-
 size_t ImageFiles::Write(int index, const FinalMaps& maps, const ConfidenceMap& confidence) const {
   size_t too_far = 0;
   std::vector<std::function<void()>> files;
@@ -78,7 +82,7 @@ size_t ImageFiles::Write(int index, const FinalMaps& maps, const ConfidenceMap& 
     });
   };
   const auto add_map = [&](const std::string& kind, const auto& map, const auto& make_picture) {
-    if (!Writes(kind)) return;
+    if (!Writes(run_.options, kind)) return;
     add(kind, ".pfm", [&map](const auto& path) { WritePfm(path, map.View()); });
     if (run_.options.no_pictures) return;
     add("pictures", "_" + kind + ".png",
@@ -88,7 +92,7 @@ size_t ImageFiles::Write(int index, const FinalMaps& maps, const ConfidenceMap& 
   add_map("normal", maps.normal, NormalPicture);
   add_map("cost", maps.cost, CostPicture);
   add_map("confidence", confidence, ConfidencePicture);
-  if (Writes("depth")) {
+  if (Writes(run_.options, "depth")) {
     add("depth", ".png", [&](const auto& path) { too_far = WriteDepthPng(path, maps.depth.View()); });
   }
   if (run_.options.dmb) add("depth", ".dmb", [&](const auto& path) { WriteDmb(path, maps.depth.View()); });

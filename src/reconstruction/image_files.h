@@ -39,6 +39,10 @@ class ColmapOutput {
   std::filesystem::path folder_;
 };
 
+/// The maps and pictures of an image that are made; COLMAP's files are not among them.
+std::vector<std::filesystem::path> FilesOfImage(const ReconstructOptions& options, const OutputFolder& folder,
+                                                int index);
+
 /// The files of images with final estimates in the run's store: maps, their pictures, and their part of COLMAP's
 /// workspace.
 class ImageFiles {
@@ -53,11 +57,8 @@ class ImageFiles {
   void WarnOfDepthsTooFar() const;
 
   const std::optional<ColmapOutput>& colmap() const { return colmap_; }  ///< where it is asked for
-  /// The maps and pictures that are made; COLMAP's files are not among them.
-  std::vector<std::filesystem::path> FilesOf(int index) const;
 
  private:
-  bool Writes(const std::string& kind) const;
   void WriteFiles(int index, const ConfidenceMap& measured);
   /// @param confidence empty where it is not written
   /// @return pixels that are too deep for depth/*.png

@@ -1,57 +1,29 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
+#include <functional>
 #include <string>
-#include <type_traits>
 #include <vector>
 
+#include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/dataset/scene.h"
 
 namespace acmp {
 
-/// FNV-1a, 64 bit: tells inputs apart, guards against no attacker.
-class Hash {
- public:
-  void AddBytes(const void* data, size_t bytes) {
-    for (const auto* p = static_cast<const unsigned char*>(data); bytes > 0; ++p, --bytes) {
-      value_ = (value_ ^ *p) * 1099511628211u;
-    }
-  }
-  template <class T>
-  void Add(const T& value) {
-    static_assert(std::is_arithmetic_v<T>);
-    AddBytes(&value, sizeof(value));
-  }
-  void Add(const std::string& text) {
-    Add(text.size());
-    AddBytes(text.data(), text.size());
-  }
-  uint64_t value() const { return value_; }
+/// Of the content of an image's files: itself, its mask, its prior depth. Reads them, without decoding.
+uint64_t HashOfFiles(const SceneImage& image);
 
- private:
-  uint64_t value_ = 14695981039346656037u;
-};
+/// HashOfFiles of each of these images, side by side. Throws Interrupted.
+/// @param also is called for each, in any thread
+std::vector<uint64_t> HashFiles(const Scene& scene, const std::vector<int>& indices, const StopRequest& interrupt,
+                                const std::function<void(int index)>& also);
 
-/// Of what a run reads of one image.
-struct ImageHashes {
-  int index = 0;                        ///< in the scene
-  uint64_t file = 0;                    ///< its content
-  std::optional<uint64_t> mask;         ///< of its mask's file, where it has one
-  std::optional<uint64_t> prior_depth;  ///< of its file, where it has one
-  uint64_t geometry = 0;                ///< camera, pose, landmarks, range and source views that the dataset names
-};
-
-/// Reads the files once, without decoding them.
-ImageHashes HashesOf(const Scene& scene, int index);
-/// Only ImageHashes::geometry.
-uint64_t HashOfGeometry(const Scene& scene, const SceneImage& image);
-
-/// Another number once one of the image's files has been written or replaced. Does not read them.
+/// Another number once one of these files has been written or replaced. Does not read them.
 uint64_t StampOfFiles(const SceneImage& image);
 
-/// 16 digits; images in the order of their index.
-std::string InputHash(const std::vector<ImageHashes>& images);
-std::string HexDigits(uint64_t value);
+/// Of all that a run reads: files, cameras, poses, landmarks, ranges and source views that the dataset names.
+/// @param files HashOfFiles of the image at the same place of `indices`
+/// @return 16 digits
+std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<uint64_t>& files);
 
 }  // namespace acmp

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
-#include "acmp_mapping/reconstruction/stop_request.h"
 #include "progress.h"
 
 namespace acmp {
@@ -76,6 +76,8 @@ struct ReconstructPlan {
     const ImagePlan* image = Find(index);
     return image && image->no_map.empty();
   }
+  /// Scene indices of the images.
+  std::vector<int> Indices() const;
   /// The image and its source views that get a map: whose estimates its refinements and its points are made of.
   std::vector<int> ImagesRead(const ImagePlan& image) const;
 };

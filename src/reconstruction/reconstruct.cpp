@@ -46,19 +46,6 @@ ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, co
   return MakeOfflinePlan(scene, indices, ranges, options);
 }
 
-/// Reads every image once, so that a damaged one is found now and not hours later, and returns a hash of all input:
-/// files, masks, cameras, poses, landmarks, ranges and source views.
-std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
-                       const StopRequest& interrupt) {
-  std::vector<ImageHashes> hashes(indices.size());
-  tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
-    frames->Get(indices[i]);  // those that fit in stay for the run
-    hashes[i] = HashesOf(scene, indices[i]);
-  });
-  interrupt.Check();
-  return InputHash(hashes);
-}
-
 /// Of the files of all images: what StampOfFiles says.
 std::vector<uint64_t> StampsOf(const Scene& scene, const std::vector<int>& indices) {
   std::vector<uint64_t> stamps;
@@ -117,11 +104,13 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   RefineScenePoses(plan, options, *interrupt, &scene, &progress);
   interrupt->Check();
   CheckSizes(scene, indices, options);
-  if (plans) return PlanStages(scene, plan, options, &progress, out);
-  progress.Note(Concat("checking ", indices.size(), " images"));
   FrameStore frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare));
+  if (plans) return PlanStages(scene, plan, options, *interrupt, &frames, &progress, out);
+  progress.Note(Concat("checking ", indices.size(), " images"));
   const std::vector<uint64_t> stamps = StampsOf(scene, indices);
-  const std::string input_hash = CheckInput(scene, indices, &frames, *interrupt);
+  // Each image is decoded once, so that a damaged one is found now and not hours later; those that fit in stay.
+  const auto decode = [&](int index) { frames.Get(index); };
+  const std::string input_hash = InputHash(scene, indices, HashFiles(scene, indices, *interrupt, decode));
   const Devices devices(devices_to_come.get(), indices);
   const RunRecord record = MakeRecord(options, devices.name(), input_hash);
   OutputFolder folder(options.output, record, options.overwrite);
@@ -140,7 +129,8 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   }
   if (folder.state() == OutputFolder::State::kStarted && options.online()) folder.StartAfresh();
   {
-    EngineStore store(&frames, options, &folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
+    EngineStore store(&frames, options, folder.path(), EngineStore::Results::kFiles, plan, devices,
+                      ScheduleOf(MakePipelineOptions(options)));
     ReconstructRun run{scene, options, plan, devices, store, *interrupt, progress, &folder};
     const CloudSize cloud = RunSchedule(&run);
     CheckUnchanged(scene, indices, stamps, &folder);

@@ -2,6 +2,10 @@
 
 #include <tbb/parallel_for.h>
 
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
 #include <memory>
 #include <numeric>
 #include <set>
@@ -94,6 +98,27 @@ std::vector<FramePtr> MakeFrames(std::vector<InputImage> images, const FrameOpti
   return frames;
 }
 
+/// A folder that goes with this. Throws ProcessingError where there can be none.
+class TemporaryFolder {
+ public:
+  TemporaryFolder() {
+    std::string name = (std::filesystem::temp_directory_path() / "acmp_XXXXXX").string();
+    if (!mkdtemp(name.data())) throw ProcessingError(Concat("cannot make ", name, ": ", std::strerror(errno)));
+    path_ = name;
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
 /// What the run's tasks leave, by scene index.
 struct Outputs {
   std::vector<ConfidenceMap> confidences;
@@ -161,7 +186,9 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
   scene.landmarks_in_world.clear();
   FrameStore frames(MakeFrames(std::move(images), MakeFrameOptions(options), *interrupt));
   const Devices devices(make_devices(), indices);
-  EngineStore store(&frames, options, nullptr, plan, devices, ScheduleOf(MakePipelineOptions(options)));
+  const TemporaryFolder files;
+  EngineStore store(&frames, options, files.path(), EngineStore::Results::kMemory, plan, devices,
+                    ScheduleOf(MakePipelineOptions(options)));
   std::ostream nowhere(nullptr);
   Progress progress(&nowhere, ProgressStyle::kSilent);
   ReconstructRun run{scene, options, plan, devices, store, *interrupt, progress, nullptr};

@@ -3,83 +3,38 @@
 #include <set>
 #include <utility>
 
+#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "cloud_output.h"
 #include "image_files.h"
+#include "work_files.h"
 
 namespace acmp {
 namespace {
 
-/// The output of a run. Confidences and points are made on the engines, files by other threads.
-class ResultWriter {
- public:
-  explicit ResultWriter(ReconstructRun* run)
-      : run_(*run), files_(run), waiting_(run->folder, run->options.CloudBytes()), cloud_(*run) {}
+constexpr int kStepsPerImage = 2;  ///< of the progress: files and fusion
 
-  void AddTasks(RunTasks* tasks) {
-    std::vector<int> all_written, all_in_cloud;
-    std::vector<int> last_placed;  // or none
-    for (const ImagePlan& image : run_.plan.images) {
-      if (!image.no_map.empty()) continue;
-      all_written.push_back(files_.AddTasks(image, tasks));
-      last_placed.push_back(tasks->AddFusion(
-          image, [this, index = image.index](PointCloud cloud) { waiting_.Put(index, std::move(cloud)); }));
-      const size_t rank = images_.size();
-      last_placed = {tasks->AddFileTask(
-          last_placed, [this, rank] { Place(rank); }, true)};
-      all_in_cloud.push_back(cloud_.in_order() ? last_placed.back()
-                                               : tasks->AddFileTask(last_placed, [this, rank] { WritePoints(rank); }));
-      images_.push_back(image.index);
-    }
-    places_.resize(images_.size());
-    clouds_.resize(files_.colmap() ? images_.size() : 0);
-    tasks->AddFileTask(all_written, [this] { FinishFiles(); });
-    // COLMAP's model reads the maps.
-    if (files_.colmap()) all_in_cloud.insert(all_in_cloud.end(), all_written.begin(), all_written.end());
-    tasks->AddFileTask(all_in_cloud, [this] { FinishCloud(); });
-  }
+/// Tells how far the run is. @param steps of the schedule that are to do
+void BeginResults(const ReconstructRun& run, size_t images, size_t steps) {
+  constexpr double kShareBeforeMesh = 0.9;
+  std::optional<double> share;
+  if (!run.options.mesh.empty()) share = kShareBeforeMesh * (1 - run.progress.done_share());
+  const bool offline = !run.options.online();
+  const size_t all_steps = offline ? images * static_cast<size_t>(run.store.final_step() + 1) : 0;
+  run.progress.Begin(offline ? "depth maps, pictures and cloud" : "maps, pictures and cloud",
+                     static_cast<int>(all_steps + images * kStepsPerImage), share);
+  for (size_t reused = steps; reused < all_steps; ++reused) run.progress.Step(true);
+}
 
-  static constexpr int kStepsPerImage = 2;
-  size_t images() const { return images_.size(); }
-  CloudSize cloud_size() const { return cloud_.size(); }
-
- private:
-  /// A view's points follow those of all before it; how many those are is known when they are fused.
-  void Place(size_t rank) {
-    places_[rank] = cloud_.Reserve(waiting_.NumPoints(images_[rank]));
-    if (cloud_.in_order()) WritePoints(rank);
-  }
-
-  /// Writes a view's points, and forgets them unless COLMAP's model is made of them.
-  void WritePoints(size_t rank) {
-    Timer timer;
-    PointCloud cloud = waiting_.Take(images_[rank]);
-    cloud_.WriteAt(places_[rank], cloud);
-    if (files_.colmap()) clouds_[rank] = std::move(cloud);
-    run_.Count(&RunTimes::cloud_ms, timer.Lap());
-  }
-
-  void FinishFiles() {
-    files_.WarnOfDepthsTooFar();
-    WriteCameras(run_, images_);
-  }
-
-  void FinishCloud() {
-    Timer timer;
-    cloud_.Commit();
-    run_.Count(&RunTimes::cloud_ms, timer.Lap());
-    if (files_.colmap()) files_.colmap()->WriteModel(images_, clouds_);
-  }
-
-  ReconstructRun& run_;
-  ImageFiles files_;
-  WaitingClouds waiting_;
-  CloudOutput cloud_;
-  std::vector<int> images_;         ///< with maps, by scene index: in the order of the cloud
-  std::vector<size_t> places_;      ///< of the views' first points in the cloud
-  std::vector<PointCloud> clouds_;  ///< the views', for COLMAP's model; else none
-};
+/// Takes a view's points out of its work file.
+PointCloud TakePoints(const std::filesystem::path& file) {
+  std::optional<PointCloud> points = ReadPoints(file);
+  if (!points) throw ProcessingError(Concat("cannot read the points in ", file.string()));
+  std::error_code ignored;  // what is left goes with the work folder
+  std::filesystem::remove(file, ignored);
+  return std::move(*points);
+}
 
 }  // namespace
 
@@ -102,19 +57,45 @@ void WriteCameras(const ReconstructRun& run, const std::vector<int>& images) {
 
 CloudSize RunAndWriteResults(ReconstructRun* run) {
   RunTasks tasks(run);
-  const bool offline = !run->options.online();
-  const std::set<StepOfImage> to_do = offline ? tasks.AddMissingSteps() : std::set<StepOfImage>();
-  ResultWriter writer(run);
-  writer.AddTasks(&tasks);
-  const size_t steps = offline ? writer.images() * static_cast<size_t>(run->store.final_step() + 1) : 0;
-  std::optional<double> share;
-  constexpr double kShareBeforeMesh = 0.9;
-  if (!run->options.mesh.empty()) share = kShareBeforeMesh * (1 - run->progress.done_share());
-  run->progress.Begin(offline ? "depth maps, pictures and cloud" : "maps, pictures and cloud",
-                      static_cast<int>(steps + writer.images() * ResultWriter::kStepsPerImage), share);
-  for (size_t reused = to_do.size(); reused < steps; ++reused) run->progress.Step(true);
+  size_t steps = 0;
+  if (!run->options.online()) steps = tasks.AddMissingSteps().size();
+  ImageFiles files(run);
+  CloudOutput cloud(*run);
+  std::vector<int> images;         // with maps, by scene index: in the order of the cloud
+  std::vector<PointCloud> clouds;  // theirs, for COLMAP's model; else none
+  std::vector<int> all_written, in_cloud;
+  for (const ImagePlan& image : run->plan.images) {
+    if (!image.no_map.empty()) continue;
+    images.push_back(image.index);
+    all_written.push_back(files.AddTasks(image, &tasks));
+    const std::filesystem::path file = run->folder->WorkFile("points", image.index);
+    // Points wait in files, so that a scene of any size can be fused, until those of all images before are written.
+    in_cloud.push_back(tasks.AddFusion(image, [file](const PointCloud& points) { WritePoints(file, points); }));
+    in_cloud = {tasks.AddFileTask(
+        in_cloud,
+        [&, file] {
+          Timer timer;
+          PointCloud points = TakePoints(file);
+          cloud.Add(points);
+          if (files.colmap()) clouds.push_back(std::move(points));
+          run->Count(&RunTimes::cloud_ms, timer.Lap());
+        },
+        true)};
+  }
+  tasks.AddFileTask(all_written, [&] {
+    files.WarnOfDepthsTooFar();
+    WriteCameras(*run, images);
+  });
+  if (files.colmap()) in_cloud.insert(in_cloud.end(), all_written.begin(), all_written.end());  // its model reads maps
+  tasks.AddFileTask(in_cloud, [&] {
+    Timer timer;
+    cloud.Commit();
+    run->Count(&RunTimes::cloud_ms, timer.Lap());
+    if (files.colmap()) files.colmap()->WriteModel(images, clouds);
+  });
+  BeginResults(*run, images.size(), steps);
   tasks.Run();
-  return writer.cloud_size();
+  return cloud.size();
 }
 
 }  // namespace acmp

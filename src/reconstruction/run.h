@@ -6,11 +6,11 @@
 #include <string>
 #include <vector>
 
+#include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
-#include "acmp_mapping/reconstruction/stop_request.h"
 #include "devices.h"
 #include "engine_store.h"
 #include "output_folder.h"

@@ -16,6 +16,7 @@ constexpr const char* kDeviceKey = "device";
 RunRecord SettingsRecord(const ReconstructOptions& options);
 
 /// Everything that does: the same with the input and the device.
+/// @param device its name; empty: not known yet
 RunRecord MakeRecord(const ReconstructOptions& options, const std::string& device, const std::string& input_hash);
 
 /// "NVIDIA H200 (cuda:0)" -> "NVIDIA H200": what decides the bits.

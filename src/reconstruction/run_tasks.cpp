@@ -167,12 +167,14 @@ int RunTasks::AddFusion(const ImagePlan& image, std::function<void(PointCloud)> 
   }
   const int device = run_.devices.DeviceOf(image.index);
   stamps();
-  const auto fuse = [this, &image, device, rank = views_++, take = std::move(take)](int) {
-    take(Fuse(image, rank, run_.devices.FusionEngine(device)));
+  const auto points = std::make_shared<PointCloud>();
+  const auto fuse = [this, &image, device, rank = views_++, points](int) {
+    *points = Fuse(image, rank, run_.devices.FusionEngine(device));
   };
-  const int task = graph_.Add(run_.devices.FusionPool(device), after, fuse);
-  for (int frame : frames) last_fused_[frame] = task;
-  return task;
+  const int fused = graph_.Add(run_.devices.FusionPool(device), after, fuse);
+  for (int frame : frames) last_fused_[frame] = fused;
+  return AddFileTask(
+      {fused}, [points, take = std::move(take)] { take(std::move(*points)); }, true);
 }
 
 PointCloud RunTasks::Fuse(const ImagePlan& image, int rank, const DeviceEngine& engine) {

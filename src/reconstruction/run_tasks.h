@@ -48,8 +48,8 @@ class RunTasks {
   /// Adds the fusion of the next view. It reads and writes the stamps of its frames: for each it waits for the view
   /// that did so last, and with that for all before. So it finds the stamps that it would find if the views were fused
   /// one after the other. Points are in coordinates that begin at the plan's origin. Throws InvalidInputError when
-  /// there are more images than a fusion can tell apart.
-  /// @param take gets the points in the task's thread
+  /// there are more images than a fusion can tell apart. Returns the number of the task that hands out the points.
+  /// @param take gets them in a thread that writes files
   int AddFusion(const ImagePlan& image, std::function<void(PointCloud)> take);
   /// Before the first AddFusion: these pixels of a frame have gone into points of earlier views (FusionEngine).
   void SetFusedPixels(const Frame& frame, const Image<unsigned char>& used);

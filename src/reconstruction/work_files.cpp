@@ -164,7 +164,7 @@ EstimateState ReadEstimate(const std::filesystem::path& path, int width, int hei
 
 void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps) {
   const MapsHeader header = {maps.depth.width(), maps.depth.height(), maps.confidence.empty() ? 0 : 1};
-  WriteMaps(path, header, maps.depth, maps.normal, maps.cost, maps.color, maps.confidence);
+  WriteMaps(path, header, maps.depth, maps.normal, maps.cost, maps.confidence);
 }
 
 FinalMaps ReadFinalMaps(const std::filesystem::path& path) {
@@ -173,7 +173,6 @@ FinalMaps ReadFinalMaps(const std::filesystem::path& path) {
   reader.Read(&maps.depth);
   reader.Read(&maps.normal);
   reader.Read(&maps.cost);
-  reader.Read(&maps.color);
   if (reader.header().has_confidence) reader.Read(&maps.confidence);
   reader.Finish();
   return maps;

@@ -37,7 +37,6 @@ struct FinalMaps {
   NormalMap normal;
   CostMap cost;
   ConfidenceMap confidence;  ///< empty: measured later against the source views' maps
-  ColorImage color;
 };
 void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps);
 /// Throws ProcessingError when the file is damaged.

@@ -2,7 +2,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/pipeline/presets.h"
-#include "acmp_mapping/pipeline/schedule.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "support/error_text.h"

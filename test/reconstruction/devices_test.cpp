@@ -197,7 +197,11 @@ class DeviceMemoryTest : public ReconstructDevicesTest {
     size_t most = 0;
     gpus_.before = [&](int, int, int) {
       const std::lock_guard<std::mutex> lock(mutex);
-      if (Has("work")) most = std::max(most, Contents(output(name) / "work").size());
+      size_t estimates = 0;
+      for (const auto& file : Has("work") ? Contents(output(name) / "work") : std::map<std::string, std::string>()) {
+        estimates += file.first.rfind("points/", 0) == 0 ? 0 : 1;
+      }
+      most = std::max(most, estimates);
     };
     RunOnFakeGpus(name, 1);
     return most;

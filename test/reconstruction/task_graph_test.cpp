@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/reconstruction/stop_request.h"
+#include "acmp_mapping/common/stop_request.h"
 #include "gtest/gtest.h"
 #include "lru_cache.h"
 #include "support/random_views.h"

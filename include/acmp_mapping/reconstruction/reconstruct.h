@@ -13,7 +13,7 @@
 #include "acmp_mapping/image/mask.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
-#include "acmp_mapping/reconstruction/stop_request.h"
+#include "acmp_mapping/common/stop_request.h"
 
 namespace acmp {
 
@@ -83,8 +83,8 @@ struct ImageReconstruction {
   std::string device;                 ///< that did it
 };
 
-/// What the tool does with a scene's files, in memory and without files: depth, normal, cost and confidence of each
-/// image by the offline schedule, and one cloud. The maps and points are those of the tool, bit by bit. Throws
+/// What the tool does with a scene's files, in memory: depth, normal, cost and confidence of each image by the offline
+/// schedule, and one cloud. What a GPU has no room for waits in temporary files. The maps and points are those of the tool, bit by bit. Throws
 /// InvalidInputError for bad input, ProcessingError, or Interrupted.
 /// @param images at least one; given up
 /// @param options those of matching and machine count; the poses are taken as they are
