@@ -7,7 +7,7 @@
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/fusion/voxel_map.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
-#include "image_files.h"
+#include "outputs.h"
 
 namespace acmp {
 namespace {

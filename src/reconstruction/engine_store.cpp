@@ -49,10 +49,6 @@ EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, 
   }
 }
 
-std::filesystem::path EngineStore::FileOf(const Key& key) const {
-  return OutputFolder::WorkFile(output_, StepName(key.first, final_step_), key.second);
-}
-
 std::string EngineStore::StepName(int step, int final_step) {
   return step == final_step ? "final" : Concat("step_", step);
 }

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -23,6 +25,22 @@ std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<
 /// those without any depth. Throws InvalidInputError as AddPriorDepths and ReadPriorDepthOf do.
 void TakePriorDepths(const ReconstructOptions& options, const std::vector<int>& indices, Scene* scene,
                      Progress* progress);
+
+/// Of the content of an image's files: itself, its mask, its prior depth. Reads them, without decoding.
+uint64_t HashOfFiles(const SceneImage& image);
+
+/// HashOfFiles of each of these images, side by side. Throws Interrupted.
+/// @param also is called for each, in any thread
+std::vector<uint64_t> HashFiles(const Scene& scene, const std::vector<int>& indices, const StopRequest& interrupt,
+                                const std::function<void(int index)>& also);
+
+/// Another number once one of these files has been written or replaced. Does not read them.
+uint64_t StampOfFiles(const SceneImage& image);
+
+/// Of all that a run reads: files, cameras, poses, landmarks, ranges and source views that the dataset names.
+/// @param files HashOfFiles of the image at the same place of `indices`
+/// @return 16 digits
+std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<uint64_t>& files);
 
 /// Chooses source views among the images of a scene without looking at all pairs: SelectSourceViews gives the same for
 /// the images around, once none of those farther away could be worth as much as the least of what it chose.

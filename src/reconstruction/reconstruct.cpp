@@ -8,9 +8,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "image_files.h"
-#include "input_hash.h"
-#include "run_record.h"
+#include "outputs.h"
+#include "plan.h"
+#include "run.h"
 #include "stages.h"
 
 namespace acmp {

@@ -1,4 +1,4 @@
-#include "run_record.h"
+#include "run.h"
 
 #include <algorithm>
 #include <cstdio>

@@ -27,28 +27,28 @@ EngineProblem InLocalCoordinates(EngineProblem problem, const Eigen::Vector3d& o
 
 }  // namespace
 
-std::set<StepOfImage> StepsToDo(int step, const std::set<int>& wanted,
-                                const std::function<std::filesystem::path(const StepOfImage&)>& file_of,
-                                const std::function<std::vector<int>(int)>& images_read, const Scene& scene,
-                                const StopRequest& interrupt, Progress* progress) {
+std::set<StepOfImage> StepsToDo(const std::filesystem::path& output, const ReconstructPlan& plan, const Scene& scene,
+                                int step, int final_step, const std::set<int>& wanted, const StopRequest& interrupt,
+                                Progress* progress) {
   std::set<StepOfImage> to_do;
   std::set<int> read = wanted;  // of the step's results, by scene index
   for (; step >= 0; --step) {
     const std::vector<int> images(read.begin(), read.end());
+    const auto file_of = [&](size_t i) { return EngineStore::FileOf(output, {step, images[i]}, final_step); };
     std::vector<WorkFileState> files(images.size());
     tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) {
       interrupt.Check();
-      files[i] = CheckWorkFile(file_of({step, images[i]}));
+      files[i] = CheckWorkFile(file_of(i));
     });
     read.clear();
     for (size_t i = 0; i < images.size(); ++i) {
       if (files[i] == WorkFileState::kWhole) continue;
       if (files[i] == WorkFileState::kDamaged) {
-        progress->Warn(Concat("the work file ", file_of({step, images[i]}).string(), " is damaged: its step of image ",
+        progress->Warn(Concat("the work file ", file_of(i).string(), " is damaged: its step of image ",
                               scene.images[static_cast<size_t>(images[i])].name, " is computed again"));
       }
       to_do.insert({step, images[i]});
-      for (int other : images_read(images[i])) read.insert(other);
+      for (int other : plan.ImagesRead(*plan.Find(images[i]))) read.insert(other);
     }
   }
   return to_do;
@@ -80,10 +80,8 @@ std::set<StepOfImage> RunTasks::AddMissingSteps() {
   for (const ImagePlan& image : run_.plan.images) {
     if (image.no_map.empty()) all.insert(image.index);
   }
-  std::set<StepOfImage> steps = StepsToDo(
-      final_step_, all, [&](const StepOfImage& key) { return run_.store.FileOf(key); },
-      [&](int index) { return run_.plan.ImagesRead(*run_.plan.Find(index)); }, run_.scene, run_.interrupt,
-      &run_.progress);
+  const std::set<StepOfImage> steps = StepsToDo(run_.store.output(), run_.plan, run_.scene, final_step_, final_step_,
+                                                all, run_.interrupt, &run_.progress);
   AddSteps(steps);
   return steps;
 }

@@ -17,13 +17,12 @@ using StepOfImage = EngineStore::Key;
 
 /// Steps of images whose work files are missing or damaged though they are wanted or read by others that are to do. A
 /// warning names damaged ones.
+/// @param output has the work files
+/// @param step of the schedule with this last step; -1: none
 /// @param wanted images, by scene index, whose estimates after the step are wanted
-/// @param file_of where an estimate is if it is in a file
-/// @param images_read of an image: those whose estimates of the step before its refinement reads
-std::set<StepOfImage> StepsToDo(int step, const std::set<int>& wanted,
-                                const std::function<std::filesystem::path(const StepOfImage&)>& file_of,
-                                const std::function<std::vector<int>(int)>& images_read, const Scene& scene,
-                                const StopRequest& interrupt, Progress* progress);
+std::set<StepOfImage> StepsToDo(const std::filesystem::path& output, const ReconstructPlan& plan, const Scene& scene,
+                                int step, int final_step, const std::set<int>& wanted, const StopRequest& interrupt,
+                                Progress* progress);
 
 /// What a run computes, as tasks of one graph: a step of an image, its confidence, its points. Each waits for just what
 /// it reads of the others; what no task makes is in the store. Each is done on the image's device, and each engine

@@ -10,10 +10,9 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/pipeline/presets.h"
-#include "cloud_output.h"
-#include "image_files.h"
-#include "input_hash.h"
-#include "run_record.h"
+#include "outputs.h"
+#include "plan.h"
+#include "run.h"
 #include "stages.h"
 #include "work_files.h"
 
@@ -90,7 +89,7 @@ class StageRunner {
     if (options_.stage == kFuseStage) return Fuse();
     for (int step = 0; step <= final_step_; ++step) {
       if (options_.stage == EngineStore::StepName(step, final_step_)) {
-        return DoWork(step, Targets(), 0, [](ReconstructRun*, RunTasks* tasks) { tasks->Run(); });
+        return DoWork(step, targets_, 0, [](ReconstructRun*, RunTasks* tasks) { tasks->Run(); });
       }
     }
     std::string names;
@@ -101,26 +100,17 @@ class StageRunner {
   /// Takes the images of the range that take part.
   void Choose() {
     if (options_.images.empty()) throw InvalidInputError("--stage: needs --images");
-    const std::vector<int> list = ParseImageIndices(options_.images, static_cast<int>(planned_->scene.images.size()));
     chosen_.clear();
-    std::copy_if(list.begin(), list.end(), std::inserter(chosen_, chosen_.end()),
-                 [&](int index) { return planned_->plan.Find(index) != nullptr; });
+    targets_.clear();
+    for (int index : ParseImageIndices(options_.images, static_cast<int>(planned_->scene.images.size()))) {
+      const ImagePlan* image = planned_->plan.Find(index);
+      if (!image) continue;
+      chosen_.insert(index);
+      if (image->no_map.empty()) targets_.insert(index);
+    }
     if (chosen_.empty()) {
       throw InvalidInputError(Concat("--images ", options_.images, ": the plan has none of these images"));
     }
-  }
-
-  const ImagePlan& PlanOf(int index) const { return *planned_->plan.Find(index); }
-  std::vector<int> ImagesRead(int index) const { return planned_->plan.ImagesRead(PlanOf(index)); }
-  bool IsChosen(const ImagePlan* image) const { return chosen_.count(image->index) > 0; }
-  static bool IsWhole(const std::filesystem::path& file) { return CheckWorkFile(file) == WorkFileState::kWhole; }
-
-  /// Those chosen that get a map.
-  std::set<int> Targets() const {
-    std::set<int> targets;
-    std::copy_if(chosen_.begin(), chosen_.end(), std::inserter(targets, targets.end()),
-                 [&](int index) { return planned_->plan.HasMap(index); });
-    return targets;
   }
 
   /// Throws InvalidInputError unless the chosen images are what they were when they were planned.
@@ -142,11 +132,8 @@ class StageRunner {
   template <class Work>
   void DoWork(int step, const std::set<int>& read, size_t more, const Work& work) {
     CheckContent();
-    const auto file_of = [&](const StepOfImage& key) {
-      return folder_->WorkFile(EngineStore::StepName(key.first, final_step_), key.second);
-    };
-    const std::set<StepOfImage> to_do = StepsToDo(
-        step, read, file_of, [&](int index) { return ImagesRead(index); }, planned_->scene, interrupt_, &*progress_);
+    const std::set<StepOfImage> to_do =
+        StepsToDo(folder_->path(), planned_->plan, planned_->scene, step, final_step_, read, interrupt_, &*progress_);
     if (to_do.empty() && more == 0) return;
     std::set<int> worked_on = chosen_;
     for (const auto& [number, index] : to_do) worked_on.insert(index);
@@ -188,17 +175,19 @@ class StageRunner {
   }
 
   void WriteMaps() {
-    std::set<int> targets, read;
-    for (int index : Targets()) {
+    std::vector<const ImagePlan*> images;
+    std::set<int> read;
+    for (int index : targets_) {
       if (ReadWorkFile(MapsRecord(index)) == ChecksumsOfMaps(index)) continue;
-      targets.insert(index);
-      for (int other : ImagesRead(index)) read.insert(other);
+      images.push_back(planned_->plan.Find(index));
+      for (int other : planned_->plan.ImagesRead(*images.back())) read.insert(other);
     }
-    if (targets.empty()) return;
-    DoWork(final_step_, read, targets.size(), [&](ReconstructRun* run, RunTasks* tasks) {
+    if (images.empty()) return;
+    DoWork(final_step_, read, images.size(), [&](ReconstructRun* run, RunTasks* tasks) {
       ImageFiles files(run);
-      for (int index : targets) {
-        const int written = files.AddTasks(PlanOf(index), tasks);
+      for (const ImagePlan* image : images) {
+        const int written = files.AddTasks(*image, tasks);
+        const int index = image->index;
         tasks->AddFileTask({written}, [this, index] { WriteWorkFile(MapsRecord(index), ChecksumsOfMaps(index)); });
       }
       tasks->Run();
@@ -215,18 +204,20 @@ class StageRunner {
   /// Whether all files of FuseChunk are there and whole.
   bool IsFused(int number) const {
     const Chunk& chunk = planned_->chunks.at(number);
-    return std::all_of(
-               chunk.images.begin(), chunk.images.end(),
-               [&](const ImagePlan* image) { return !image->no_map.empty() || IsWhole(PointsFile(image->index)); }) &&
-           std::all_of(chunk.reads.begin(), chunk.reads.end(),
-                       [&](int index) { return IsWhole(UsedFile(number, index)); });
+    std::vector<std::filesystem::path> files;
+    for (const ImagePlan* image : chunk.images) {
+      if (image->no_map.empty()) files.push_back(PointsFile(image->index));
+    }
+    for (int index : chunk.reads) files.push_back(UsedFile(number, index));
+    return std::all_of(files.begin(), files.end(),
+                       [](const auto& file) { return CheckWorkFile(file) == WorkFileState::kWhole; });
   }
 
   void Fuse() {
     std::vector<int> chunks;
     std::set<int> read;
     for (const auto& [number, chunk] : planned_->chunks) {
-      const auto chosen = [&](const ImagePlan* image) { return IsChosen(image); };
+      const auto chosen = [&](const ImagePlan* image) { return chosen_.count(image->index) > 0; };
       if (std::none_of(chunk.images.begin(), chunk.images.end(), chosen)) continue;
       const auto lacks = std::find_if_not(chunk.images.begin(), chunk.images.end(), chosen);
       if (lacks != chunk.images.end()) {
@@ -333,7 +324,7 @@ class StageRunner {
   // Of the stage under way.
   std::optional<OutputFolder> folder_;
   std::optional<Progress> progress_;
-  std::set<int> chosen_;  ///< images that the stage is for, by scene index
+  std::set<int> chosen_, targets_;  ///< images that the stage is for, and of these those with a map, by scene index
 };
 
 std::string Failure(int exit_code, std::string message) {

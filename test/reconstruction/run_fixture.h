@@ -12,9 +12,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
+#include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/reconstruction/reconstruct.h"
-#include "acmp_mapping/common/stop_request.h"
 #include "reconstruction/scene_fixture.h"
 #include "support/fake_engine.h"
 

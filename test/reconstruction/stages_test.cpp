@@ -281,21 +281,13 @@ TEST_F(StagesTest, OptionsThatDoNotGoTogether) {
   EXPECT_EQ(ErrorWith([](auto* o) { o->plan = "p", o->colmap = true; }), "--plan: not with --colmap");
 }
 
-TEST_F(StagesTest, OfOneProcessEndWithTheBytesOfARunAlone) {
+TEST_F(StagesTest, OfOneProcessAreTheSameAlsoOnGpusAndLeaveNoEstimatesThere) {
   const int passes = RunTo("alone");
-  const std::vector<Line> lines = PlannedLines();
-  std::string answers;
-  for (const Line& line : lines) answers += line.text + ": done\n";
-  options_.quiet = true;
   FakeMatcher matcher;
-  EXPECT_EQ(DoLines(lines, &matcher), answers);
+  DoLines(PlannedLines(), &matcher);
   EXPECT_EQ(devices_made_, 1);
   EXPECT_EQ(static_cast<int>(matcher.calls.size()), passes);
   ExpectSameContents(output("alone"), output());
-}
-
-TEST_F(StagesTest, OnGpusAreTheSameAndLeaveNoEstimatesThere) {
-  RunTo("alone");
   for (const int devices : {1, 2}) {
     options_.output = output("gpus_" + std::to_string(devices));
     FakeGpuBehaviour gpu;

@@ -12,9 +12,9 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "cloud_output.h"
 #include "dataset/test_folder.h"
 #include "fusion/engine_views.h"
+#include "outputs.h"
 #include "reconstruction/run_fixture.h"
 
 namespace acmp {

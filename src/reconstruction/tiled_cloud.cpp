@@ -1,4 +1,4 @@
-#include "cloud_output.h"
+#include "outputs.h"
 
 #include <algorithm>
 #include <cmath>
@@ -133,30 +133,6 @@ void TiledCloud::WriteIndex() const {
   }
   file.Write("\n]}\n");
   file.Commit();
-}
-
-CloudOutput::CloudOutput(const ReconstructRun& run) : interrupt_(run.interrupt) {
-  if (run.options.tile_size) {
-    tiles_.emplace(run.folder, *run.options.tile_size, run.options.MemoryBytes(run.options.kTileShare),
-                   run.plan.origin);
-  } else {
-    file_.emplace(run.folder->path() / "fused.ply", Durability::kPowerCut, run.plan.origin);
-  }
-}
-
-void CloudOutput::Add(const PointCloud& points) {
-  if (tiles_) return tiles_->Add(points);
-  file_->WriteAt(file_->Reserve(points.size()), points);
-}
-
-void CloudOutput::Commit() {
-  if (tiles_) return tiles_->Commit(interrupt_);
-  file_->Commit();
-}
-
-CloudSize CloudOutput::size() const {
-  if (tiles_) return {tiles_->points(), tiles_->tiles()};
-  return {file_->points(), std::nullopt};
 }
 
 }  // namespace acmp
