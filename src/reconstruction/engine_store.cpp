@@ -115,7 +115,7 @@ EngineEstimatePtr EngineStore::Read(const Key& key, const Frame& frame, const De
     return engine.engine->UploadMaps({maps->depth.View(), maps->normal.View(), maps->cost.View()}, frame.camera);
   }
   const PinholeCamera camera = CameraAtLevel(frame.camera, steps_[static_cast<size_t>(key.first)].level);
-  return engine.engine->UploadState(ReadEstimate(FileOf(key), camera.width, camera.height), camera);
+  return engine.engine->UploadState(ReadEstimate(FileOf(key)), camera);
 }
 
 void EngineStore::Keep(int step, const Frame& frame, const DeviceEngine& engine, const EngineEstimatePtr& estimate) {

@@ -1,9 +1,7 @@
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <functional>
-#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -55,21 +53,16 @@ class SourceCandidates {
   std::vector<int> Select(int index, double typical_depth, int max_sources) const;
 
  private:
-  using Cell = std::array<int64_t, 3>;
-
-  Cell CellOf(const Eigen::Vector3d& point) const;
-  /// Images but for `index` that are within a distance of it, and perhaps some more; ascending.
+  /// Images but for `index` that are within a distance of it; ascending.
   std::vector<int> Around(int index, double distance) const;
   /// No view farther away can gain as much (SelectedSourceView::gain, 0..1).
   double DistanceOfGain(int index, double typical_depth, double gain) const;
 
   const Scene& scene_;
   const std::vector<int> indices_;
-  double extent_ = 0;  ///< no two images are farther apart
-  double cell_size_ = 1;
-  double most_focal_length_ = 0;  ///< px, of all images
-  double least_cosine_ = 1;       ///< between a ray of any image and its optical axis
-  std::map<Cell, std::vector<int>> cells_;
+  std::vector<Eigen::Vector3d> centres_;  ///< of the indices
+  double most_focal_length_ = 0;          ///< px, of all images
+  double least_cosine_ = 1;               ///< between a ray of any image and its optical axis
 };
 
 /// What to do with one image of the scene.

@@ -39,30 +39,12 @@ class StageRunner {
     options_.keep_work = true;  // everything in files: no process can count on the memory of another
   }
 
-  /// After a failure nothing is kept.
+  /// After a failure it is not to be used again.
   void Run(const std::string& stage, const std::string& images) {
     options_.stage = stage;
     options_.images = images;
-    try {
-      RunStage();
-    } catch (...) {
-      planned_.reset();  // an image or an engine that is not as it should be
-      devices_.reset();
-      folder_.reset();
-      throw;
-    }
+    RunStage();
     folder_.reset();
-  }
-
-  /// "STAGE IMAGES", or "STAGE" alone.
-  void RunLine(const std::string& line) {
-    std::istringstream words(line);
-    std::string stage, images, more;
-    words >> stage >> images >> more;
-    if (stage.empty() || !more.empty()) {
-      throw InvalidInputError(Concat("--stages: line \"", line, "\": must be STAGE IMAGES, as step_0 0-15, or finish"));
-    }
-    Run(stage, images);
   }
 
  private:
@@ -154,12 +136,12 @@ class StageRunner {
   /// All stages must be done by devices of one model: others make other bits. The first one writes down its name.
   void CheckDevice() const {
     const std::filesystem::path file = folder_->WorkFile("device", 0);
-    const std::string name = devices_->name();
-    if (!ReadWorkFile(file)) WriteWorkFile(file, name);
-    const std::string first = ReadWorkFile(file).value_or(name);
-    if (DeviceModel(first) == DeviceModel(name)) return;
-    throw InvalidInputError(Concat("--device: the first stage was done by ", DeviceModel(first), ", and this is ",
-                                   DeviceModel(name), ", which makes other bits"));
+    if (!ReadWorkFile(file)) WriteWorkFile(file, devices_->name());
+    const std::string first = DeviceModel(ReadWorkFile(file).value_or(devices_->name()));
+    const std::string now = DeviceModel(devices_->name());
+    if (first == now) return;
+    throw InvalidInputError(
+        Concat("--device: the first stage was done by ", first, ", and this is ", now, ", which makes other bits"));
   }
 
   /// Has the checksums of an image's files once these are written.
@@ -327,6 +309,15 @@ class StageRunner {
   std::set<int> chosen_, targets_;  ///< images that the stage is for, and of these those with a map, by scene index
 };
 
+/// "STAGE IMAGES", or "STAGE" alone.
+std::pair<std::string, std::string> StageOfLine(const std::string& line) {
+  std::istringstream words(line);
+  std::string stage, images, more;
+  words >> stage >> images >> more;
+  if (!stage.empty() && more.empty()) return {stage, images};
+  throw InvalidInputError(Concat("--stages: line \"", line, "\": must be STAGE IMAGES, as step_0 0-15, or finish"));
+}
+
 std::string Failure(int exit_code, std::string message) {
   std::replace(message.begin(), message.end(), '\n', ' ');
   return Concat("exit code ", exit_code, ": ", message);
@@ -342,18 +333,21 @@ void DoStage(const ReconstructOptions& options, const DeviceMaker& make_devices,
 bool ReconstructStages(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
                        const LineReader& next, std::ostream* out, std::ostream* log, bool log_is_terminal) {
   Validate(options);
-  StageRunner runner(options, make_devices, interrupt, out, log, log_is_terminal);
+  std::optional<StageRunner> runner;
   bool all_done = true;
   while (const std::optional<std::string> line = next()) {
     std::string answer = "done";
     try {
-      runner.RunLine(*line);
+      const auto [stage, images] = StageOfLine(*line);
+      if (!runner) runner.emplace(options, make_devices, interrupt, out, log, log_is_terminal);
+      runner->Run(stage, images);
     } catch (const InvalidInputError& error) {
       answer = Failure(kExitBadInput, error.what());
     } catch (const std::exception& error) {
       answer = Failure(kExitFailed, error.what());
     }
-    interrupt->Check();  // what a stop leaves may look like any error
+    if (answer != "done") runner.reset();  // an image or an engine that is not as it should be
+    interrupt->Check();                    // what a stop leaves may look like any error
     all_done = all_done && answer == "done";
     *out << *line << ": " << answer << std::endl;
   }

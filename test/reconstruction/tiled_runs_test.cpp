@@ -138,23 +138,6 @@ TEST_F(TiledRunsTest, LittleMemoryAndOtherOutputsMakeTheSameTiles) {
   EXPECT_EQ(ReadText(output("colmap_one") / "colmap/sparse/0/points3D.bin"), landmarks);
 }
 
-TEST_F(TiledRunsTest, AFolderOfOtherTilesIsRefusedUntilOverwrite) {
-  RunTo("out");
-  options_.tile_size = kTileSize;
-  EXPECT_THAT(Error(), HasSubstr("tile-size was none and is 0.4)"));
-  options_.overwrite = true;
-  RunTo("out");
-  EXPECT_FALSE(Has("fused.ply"));
-  options_.tile_size = 0.40000001;
-  options_.overwrite = false;
-  EXPECT_THAT(Error(), HasSubstr("tile-size was 0.4 and is 0.40000001)"));
-  options_.tile_size.reset();
-  options_.overwrite = true;
-  RunTo("out");
-  EXPECT_FALSE(Has("tiles"));
-  EXPECT_TRUE(Has("fused.ply"));
-}
-
 SurfacePoint PointAt(float x, float y, float z, size_t number = 0) {
   return {{x, y, z}, {0, 0.6f, -0.8f}, {static_cast<unsigned char>(number), 2, 3}, static_cast<float>(number)};
 }
