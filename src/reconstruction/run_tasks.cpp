@@ -72,7 +72,15 @@ void RunTasks::AddSteps(const std::set<StepOfImage>& steps) {
       if (steps.count({step - 1, read}) > 0) waits_for.emplace_back(1 - step, read);
     }
   }
-  for (const auto& [late, index] : InOrder(after)) AddStep({-late, index});
+  for (const auto& [late, index] : InOrder(after)) {
+    const ImagePlan& image = *run_.plan.Find(index);
+    const int device = run_.devices.DeviceOf(index);
+    const auto work = [this, step = -late, &image, device](int thread) {
+      DoStep(step, image, run_.devices.Engine(device, thread),
+             &estimators_.at(static_cast<size_t>(device)).at(static_cast<size_t>(thread)));
+    };
+    steps_[{-late, index}] = graph_.Add(Devices::EnginePool(device), StepsRead(-late - 1, image), work);
+  }
 }
 
 std::set<StepOfImage> RunTasks::AddMissingSteps() {
@@ -84,17 +92,6 @@ std::set<StepOfImage> RunTasks::AddMissingSteps() {
                                                 all, run_.interrupt, &run_.progress);
   AddSteps(steps);
   return steps;
-}
-
-void RunTasks::AddStep(const StepOfImage& key) {
-  const auto [step, index] = key;
-  const ImagePlan& image = *run_.plan.Find(index);
-  const int device = run_.devices.DeviceOf(index);
-  const auto work = [this, step = step, &image, device](int thread) {
-    DoStep(step, image, run_.devices.Engine(device, thread),
-           &estimators_.at(static_cast<size_t>(device)).at(static_cast<size_t>(thread)));
-  };
-  steps_[key] = graph_.Add(Devices::EnginePool(device), StepsRead(step - 1, image), work);
 }
 
 std::vector<int> RunTasks::StepsRead(int step, const ImagePlan& image) const {
@@ -135,19 +132,17 @@ int RunTasks::AddConfidence(const ImagePlan& image, std::function<void(Confidenc
   run_.store.AddReaders(image, final_step_, 1);
   const int device = run_.devices.DeviceOf(image.index);
   const auto measure = [this, &image, device, take = std::move(take)](int thread) {
-    take(MeasureConfidence(image, run_.devices.Engine(device, thread)));
+    const DeviceEngine engine = run_.devices.Engine(device, thread);
+    const EngineProblem problem = run_.store.Problem(image, final_step_, engine);
+    Timer timer;
+    ConfidenceMap confidence =
+        engine.engine->MeasureConfidence(problem.reference, problem.sources, run_.pipeline.fusion);
+    run_.interrupt.Check();
+    run_.store.HasRead(image, final_step_);
+    run_.Count(&RunTimes::consistency_ms, timer.Lap());
+    take(std::move(confidence));
   };
   return graph_.Add(Devices::EnginePool(device), FinalStepsRead(image), measure, true);
-}
-
-ConfidenceMap RunTasks::MeasureConfidence(const ImagePlan& image, const DeviceEngine& engine) {
-  const EngineProblem problem = run_.store.Problem(image, final_step_, engine);
-  Timer timer;
-  ConfidenceMap confidence = engine.engine->MeasureConfidence(problem.reference, problem.sources, run_.pipeline.fusion);
-  run_.interrupt.Check();
-  run_.store.HasRead(image, final_step_);
-  run_.Count(&RunTimes::consistency_ms, timer.Lap());
-  return confidence;
 }
 
 FusionStamps* RunTasks::stamps() {

@@ -63,9 +63,7 @@ class RunTasks {
 
  private:
   std::vector<int> StepsRead(int step, const ImagePlan& image) const;
-  void AddStep(const StepOfImage& key);
   void DoStep(int step, const ImagePlan& image, const DeviceEngine& engine, DepthEstimator* estimator);
-  ConfidenceMap MeasureConfidence(const ImagePlan& image, const DeviceEngine& engine);
   PointCloud Fuse(const ImagePlan& image, int rank, const DeviceEngine& engine);
   FusionStamps* stamps();
 

@@ -25,15 +25,11 @@ constexpr int kExitFailed = 1, kExitBadInput = 2;  // as the program's
 /// share of the memory limit.
 class StageRunner {
  public:
-  /// @param make_devices is called when a stage needs them and there are none
-  StageRunner(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
-              std::ostream* out, std::ostream* log, bool log_is_terminal)
+  /// Devices are made when a stage needs them.
+  StageRunner(const ReconstructOptions& options, const RunContext& context)
       : options_(options),
-        make_devices_(make_devices),
-        interrupt_(*interrupt),
-        out_(*out),
-        log_(*log),
-        progress_style_(ProgressStyleFor(options.quiet, log_is_terminal)),
+        context_(context),
+        interrupt_(context.interrupt),
         steps_(ScheduleOf(MakePipelineOptions(options))),
         final_step_(static_cast<int>(steps_.size()) - 1) {
     options_.keep_work = true;  // everything in files: no process can count on the memory of another
@@ -55,7 +51,7 @@ class StageRunner {
     const std::string chunk_images = folder_->Setting(kChunkImagesKey);
     const bool is_staged = chunk_images == Concat(options_.chunk_images);
     if (folder_->state() == OutputFolder::State::kComplete && !(is_staged && options_.stage == kFinishStage)) {
-      return ReportComplete(*folder_, name + ": already complete", options_.quiet, &out_);
+      return ReportComplete(*folder_, name + ": already complete", options_.quiet, &context_.out);
     }
     if (!is_staged) {
       throw InvalidInputError(
@@ -64,7 +60,7 @@ class StageRunner {
     const std::string input = folder_->Setting(kInputKey);
     if (!planned_ || input_ != input) planned_ = std::make_unique<PlannedScene>(options_);
     input_ = input;
-    progress_.emplace(&log_, progress_style_);
+    progress_.emplace(&context_.log, ProgressStyleFor(options_.quiet, context_.log_is_terminal));
     if (options_.stage == kFinishStage) return Finish();
     Choose();
     if (options_.stage == kMapsStage) return WriteMaps();
@@ -119,7 +115,7 @@ class StageRunner {
     if (to_do.empty() && more == 0) return;
     std::set<int> worked_on = chosen_;
     for (const auto& [number, index] : to_do) worked_on.insert(index);
-    if (!devices_) devices_.emplace(make_devices_(), std::vector<int>());
+    if (!devices_) devices_.emplace(context_.make_devices(), std::vector<int>());
     devices_->ShareOut({worked_on.begin(), worked_on.end()});
     CheckDevice();
     EngineStore store(&planned_->frames, options_, folder_->path(), EngineStore::Results::kFiles, planned_->plan,
@@ -258,7 +254,7 @@ class StageRunner {
       const CloudSize cloud = WriteCloudAndCameras(*run);
       const std::string device = ReadWorkFile(folder_->WorkFile("device", 0)).value_or("");
       record = MakeRecord(options_, device, input_);
-      failure = EndRun(run, record, device, timer, cloud, &out_);
+      failure = EndRun(run, record, device, timer, cloud, &context_.out);
     });
     folder_->Rewrite(record);
     folder_->RemoveWork();
@@ -291,11 +287,8 @@ class StageRunner {
   }
 
   ReconstructOptions options_;
-  const DeviceMaker& make_devices_;
+  const RunContext& context_;
   StopRequest& interrupt_;
-  std::ostream& out_;
-  std::ostream& log_;
-  const ProgressStyle progress_style_;
   const std::vector<KeyframeStep> steps_;
   const int final_step_;
 
@@ -325,13 +318,11 @@ std::string Failure(int exit_code, std::string message) {
 
 }  // namespace
 
-void DoStage(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
-             std::ostream* out, std::ostream* log, bool log_is_terminal) {
-  StageRunner(options, make_devices, interrupt, out, log, log_is_terminal).Run(options.stage, options.images);
+void DoStage(const ReconstructOptions& options, const RunContext& context) {
+  StageRunner(options, context).Run(options.stage, options.images);
 }
 
-bool ReconstructStages(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
-                       const LineReader& next, std::ostream* out, std::ostream* log, bool log_is_terminal) {
+bool ReconstructStages(const ReconstructOptions& options, const RunContext& context, const LineReader& next) {
   Validate(options);
   std::optional<StageRunner> runner;
   bool all_done = true;
@@ -339,7 +330,7 @@ bool ReconstructStages(const ReconstructOptions& options, const DeviceMaker& mak
     std::string answer = "done";
     try {
       const auto [stage, images] = StageOfLine(*line);
-      if (!runner) runner.emplace(options, make_devices, interrupt, out, log, log_is_terminal);
+      if (!runner) runner.emplace(options, context);
       runner->Run(stage, images);
     } catch (const InvalidInputError& error) {
       answer = Failure(kExitBadInput, error.what());
@@ -347,9 +338,9 @@ bool ReconstructStages(const ReconstructOptions& options, const DeviceMaker& mak
       answer = Failure(kExitFailed, error.what());
     }
     if (answer != "done") runner.reset();  // an image or an engine that is not as it should be
-    interrupt->Check();                    // what a stop leaves may look like any error
+    context.interrupt.Check();             // what a stop leaves may look like any error
     all_done = all_done && answer == "done";
-    *out << *line << ": " << answer << std::endl;
+    context.out << *line << ": " << answer << std::endl;
   }
   return all_done;
 }

@@ -39,8 +39,7 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
 
 /// Does options.stage for options.images, as far as it is not done. What it reads of other chunks and does not find, or
 /// finds damaged, it makes itself. Throws as Reconstruct does.
-void DoStage(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
-             std::ostream* out, std::ostream* log, bool log_is_terminal);
+void DoStage(const ReconstructOptions& options, const RunContext& context);
 
 /// Images of successive scene indices, and what is made of others for them.
 struct Chunk {

@@ -98,16 +98,13 @@ int RunReconstruct(const acmp::ReconstructOptions& options, InterruptWatcher* in
   if (options.threads > 0) threads.emplace(tbb::global_control::max_allowed_parallelism, options.threads);
   const acmp::DeviceMaker make_devices = [&] { return acmp::MakeDevices(options, &std::cerr); };
   const bool is_terminal = isatty(STDERR_FILENO);
+  const acmp::RunContext context = {make_devices, *interrupt, std::cout, std::cerr, is_terminal};
   bool all_done = true;
   try {
     interrupt->RunCancellable([&] {
-      if (options.stages) {
-        InputLines lines(interrupt);
-        all_done = acmp::ReconstructStages(
-            options, make_devices, interrupt, [&] { return lines.Next(); }, &std::cout, &std::cerr, is_terminal);
-      } else {
-        acmp::Reconstruct(options, make_devices, interrupt, &std::cout, &std::cerr, is_terminal);
-      }
+      if (!options.stages) return acmp::Reconstruct(options, context);
+      InputLines lines(interrupt);
+      all_done = acmp::ReconstructStages(options, context, [&] { return lines.Next(); });
     });
     interrupt->Check();
   } catch (const acmp::Interrupted&) {

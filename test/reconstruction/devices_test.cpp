@@ -96,8 +96,7 @@ class ReconstructDevicesTest : public ReconstructRunFixture {
 
   void RunOnFakeGpus(const std::string& name, int devices, int jobs = 2) {
     options_.output = output(name);
-    Reconstruct(
-        options_, [&] { return FakeGpus(devices, jobs, &gpus_); }, &watcher_, &out_, &log_, false);
+    Reconstruct(options_, {[&] { return FakeGpus(devices, jobs, &gpus_); }, watcher_, out_, log_, false});
   }
 
   FakeGpuBehaviour gpus_;

@@ -162,8 +162,7 @@ class ReconstructRunFixture : public ReconstructFixture {
   void Run(FakeMatcher* matcher, StopRequest* watcher) {
     log_.str("");
     out_.str("");
-    Reconstruct(
-        options_, [&] { return DevicesOf(matcher); }, watcher, &out_, &log_, false);
+    Reconstruct(options_, {[&] { return DevicesOf(matcher); }, *watcher, out_, log_, false});
   }
   static std::vector<ReconstructDevice> DevicesOf(FakeMatcher* matcher) {
     std::vector<ReconstructDevice> devices(1);

@@ -109,7 +109,7 @@ class StagesTest : public ReconstructRunFixture {
     };
     ReconstructOptions options = options_;
     options.stages = true;
-    EXPECT_EQ(ReconstructStages(options, make_devices, &watcher_, next, &answers, &log_, false), all_done);
+    EXPECT_EQ(ReconstructStages(options, {make_devices, watcher_, answers, log_, false}, next), all_done);
     return answers.str();
   }
   std::string DoLines(const std::vector<Line>& lines, FakeMatcher* matcher, bool all_done = true) {
