@@ -21,7 +21,7 @@ bool Writes(const ReconstructOptions& options, const std::string& kind) {
   return std::find(options.maps.begin(), options.maps.end(), kind) != options.maps.end();
 }
 
-constexpr int kStepsPerImage = 2;  ///< of the progress: files and fusion
+constexpr int kStepsPerImage = 2;  // of the progress: files and fusion
 
 /// Tells how far the run is. @param steps of the schedule that are to do
 void BeginResults(const ReconstructRun& run, size_t images, size_t steps) {

@@ -88,8 +88,8 @@ std::set<StepOfImage> RunTasks::AddMissingSteps() {
   for (const ImagePlan& image : run_.plan.images) {
     if (image.no_map.empty()) all.insert(image.index);
   }
-  const std::set<StepOfImage> steps = StepsToDo(run_.store.output(), run_.plan, run_.scene, final_step_, final_step_,
-                                                all, run_.interrupt, &run_.progress);
+  std::set<StepOfImage> steps = StepsToDo(run_.store.output(), run_.plan, run_.scene, final_step_, final_step_, all,
+                                          run_.interrupt, &run_.progress);
   AddSteps(steps);
   return steps;
 }

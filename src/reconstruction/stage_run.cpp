@@ -129,11 +129,13 @@ class StageRunner {
     ReportUnusedPriorDepth(run);
   }
 
-  /// All stages must be done by devices of one model: others make other bits. The first one writes down its name.
+  /// Has the name of the device that did the first stage.
+  std::filesystem::path DeviceFile() const { return folder_->WorkFile("device", 0); }
+
+  /// All stages must be done by devices of one model: others make other bits.
   void CheckDevice() const {
-    const std::filesystem::path file = folder_->WorkFile("device", 0);
-    if (!ReadWorkFile(file)) WriteWorkFile(file, devices_->name());
-    const std::string first = DeviceModel(ReadWorkFile(file).value_or(devices_->name()));
+    if (!ReadWorkFile(DeviceFile())) WriteWorkFile(DeviceFile(), devices_->name());
+    const std::string first = DeviceModel(ReadWorkFile(DeviceFile()).value_or(devices_->name()));
     const std::string now = DeviceModel(devices_->name());
     if (first == now) return;
     throw InvalidInputError(
@@ -251,34 +253,29 @@ class StageRunner {
     std::string failure;
     chosen_.clear();
     DoWork(-1, {}, planned_->plan.images.size(), [&](ReconstructRun* run, RunTasks*) {
-      const CloudSize cloud = WriteCloudAndCameras(*run);
-      const std::string device = ReadWorkFile(folder_->WorkFile("device", 0)).value_or("");
+      std::vector<int> images;  // with maps
+      CloudOutput cloud(*run);
+      for (const ImagePlan& image : run->plan.images) {
+        interrupt_.Check();
+        progress_->Step();
+        if (!image.no_map.empty()) continue;
+        images.push_back(image.index);
+        if (!options_.maps.empty() && !std::filesystem::exists(MapsRecord(image.index))) {
+          FailUnfinished(kMapsStage, image.index);
+        }
+        const std::optional<PointCloud> points = ReadPoints(PointsFile(image.index));
+        if (!points) FailUnfinished(kFuseStage, image.index);
+        cloud.Add(*points);
+      }
+      cloud.Commit();
+      WriteCameras(*run, images);
+      const std::string device = ReadWorkFile(DeviceFile()).value_or("");
       record = MakeRecord(options_, device, input_);
-      failure = EndRun(run, record, device, timer, cloud, &context_.out);
+      failure = EndRun(run, record, device, timer, cloud.size(), &context_.out);
     });
     folder_->Rewrite(record);
     folder_->RemoveWork();
     if (!failure.empty()) throw ProcessingError(failure);
-  }
-
-  CloudSize WriteCloudAndCameras(const ReconstructRun& run) {
-    std::vector<int> images;
-    CloudOutput cloud(run);
-    for (const ImagePlan& image : run.plan.images) {
-      interrupt_.Check();
-      progress_->Step();
-      if (!image.no_map.empty()) continue;
-      images.push_back(image.index);
-      if (!options_.maps.empty() && !std::filesystem::exists(MapsRecord(image.index))) {
-        FailUnfinished(kMapsStage, image.index);
-      }
-      const std::optional<PointCloud> points = ReadPoints(PointsFile(image.index));
-      if (!points) FailUnfinished(kFuseStage, image.index);
-      cloud.Add(*points);
-    }
-    cloud.Commit();
-    WriteCameras(run, images);
-    return cloud.size();
   }
 
   [[noreturn]] void FailUnfinished(const std::string& stage, int index) const {
