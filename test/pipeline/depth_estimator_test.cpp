@@ -22,7 +22,7 @@ class SpyEngine final : public FakeEngine {
   }
 
   std::vector<std::string> calls;
-  std::vector<PinholeCamera> cameras;   ///< of their references, of the level
+  std::vector<PinholeCamera> cameras;  ///< of their references, of the level
   PatchMatchOptions last_options;
   EstimateState last_start;
   PlaneMap last_prior;
