@@ -14,7 +14,7 @@ namespace {
 
 constexpr size_t kBlockPoints = size_t{1} << 16;  // of a work file, in memory at once
 
-std::string NameOf(const std::array<int64_t, 3>& number) { return Concat(number[0], "_", number[1], "_", number[2]); }
+std::string TileName(const std::array<int64_t, 3>& number) { return Concat(number[0], "_", number[1], "_", number[2]); }
 
 /// As they are in the tile's file.
 nlohmann::json ToJson(const Eigen::Vector3d& origin, const Vec3f& v) {
@@ -76,7 +76,7 @@ void TiledCloud::Add(const PointCloud& points) {
 }
 
 std::filesystem::path TiledCloud::WorkFileOf(const TileNumber& number) const {
-  return work_folder_ / (NameOf(number) + ".bin");
+  return work_folder_ / (TileName(number) + ".bin");
 }
 
 void TiledCloud::MoveToFiles() {
@@ -93,7 +93,7 @@ void TiledCloud::MoveToFiles() {
 }
 
 void TiledCloud::WriteTile(const TileNumber& number, const Tile& tile) const {
-  PlyFile file(tiles_folder_ / (NameOf(number) + ".ply"), Durability::kProcess, origin_);
+  PlyFile file(tiles_folder_ / (TileName(number) + ".ply"), Durability::kProcess, origin_);
   std::ifstream reader;
   size_t in_file = tile.points - tile.in_memory.size();
   if (in_file > 0) reader.open(WorkFileOf(number), std::ios::binary);
@@ -124,7 +124,7 @@ void TiledCloud::WriteIndex() const {
       Concat("{\"tile_size\": ", nlohmann::json(tile_size_).dump(), ", \"points\": ", points_, ", \"tiles\": ["));
   const char* separator = "\n";
   for (const auto& [number, tile] : tiles_) {
-    const nlohmann::ordered_json line = {{"file", NameOf(number) + ".ply"},
+    const nlohmann::ordered_json line = {{"file", TileName(number) + ".ply"},
                                          {"points", tile.points},
                                          {"min", ToJson(origin_, tile.min)},
                                          {"max", ToJson(origin_, tile.max)}};
