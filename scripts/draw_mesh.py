@@ -9,16 +9,15 @@ import argparse
 import sys
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw
 
 PLY_TYPES = {"float": "<f4", "uchar": "u1", "int": "<i4", "uint": "<u4"}
 FOCAL = 1.2           # focal length over the width of the picture
 ASPECT = 0.75         # height over width of each half
-FILLED = 0.96         # share of the picture that the mesh fills
+FILLED = 0.94         # share of the picture that the mesh fills
 LIFT = 0.7            # how much the viewer looks down: tangent of the angle
 BACKGROUND = (38, 40, 46)
 GREY, AMBIENT = 235.0, 0.15
-BATCH_PIXELS = 1 << 20  # pixels of triangles that are looked at at once: bounds the memory
 
 
 def read_header(file):
@@ -85,65 +84,29 @@ def choose_view(points, normals, up):
     return centre - forward * np.percentile(distances, 99), axes
 
 
-def draw_batch(corners, first, size, nearest, owner, weights):
-    """Fills in for each pixel where one of these triangles (T x 3 corners of column, row, depth) is the nearest."""
-    width, height = size
-    low = np.clip(np.ceil(corners[:, :, :2].min(1)), 0, [width, height]).astype(int)
-    high = np.clip(np.floor(corners[:, :, :2].max(1)) + 1, 0, [width, height]).astype(int)
-    spans = np.maximum(high - low, 0)
-    areas = spans.prod(1)
-    which = np.repeat(np.arange(len(corners)), areas)
-    step = np.arange(len(which)) - np.repeat(np.cumsum(areas) - areas, areas)
-    cols, rows = low[which, 0] + step % spans[which, 0], low[which, 1] + step // spans[which, 0]
-    (ax, ay), (bx, by), (cx, cy) = (corners[which, k, :2].T for k in range(3))
-    doubled = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-    a = ((bx - cols) * (cy - rows) - (cx - cols) * (by - rows)) / doubled
-    b = ((cx - cols) * (ay - rows) - (ax - cols) * (cy - rows)) / doubled
-    shares = np.stack([a, b, 1 - a - b], 1)
-    depth = (shares * corners[which, :, 2]).sum(1)
-    pixels = rows * width + cols
-    kept = np.flatnonzero((shares >= 0).all(1) & (depth < nearest[pixels]))
-    kept = kept[np.argsort(-depth[kept], kind="stable")]  # the nearest is written last
-    nearest[pixels[kept]] = depth[kept]
-    owner[pixels[kept]] = first[which[kept]]
-    weights[pixels[kept]] = shares[kept]
-
-
-def rasterize(corners, size):
-    """For each pixel (row by row) the triangle that is seen there, -1: none, and its corners' weights."""
-    width, height = size
-    (ax, ay), (bx, by), (cx, cy) = (corners[:, k, :2].T for k in range(3))
-    in_front = (corners[:, :, 2] > 0).all(1)
-    visible = np.flatnonzero(in_front & ((bx - ax) * (cy - ay) - (cx - ax) * (by - ay) < 0))
-    box = np.clip(corners[visible, :, :2], 0, [width, height])
-    areas = (np.ptp(box, axis=1) + 1).prod(1)
-    batch = (np.cumsum(areas) // BATCH_PIXELS).astype(int)
-    nearest = np.full(width * height, np.inf)
-    owner = np.full(width * height, -1)
-    weights = np.zeros((width * height, 3))
-    for part in np.split(visible, np.flatnonzero(np.diff(batch)) + 1):
-        draw_batch(corners[part], part, size, nearest, owner, weights)
-    return owner, weights
-
-
 def draw(mesh, up, width):
+    """The picture, and of how many triangles the mesh is. Each is drawn in one colour over those that are farther away."""
     points, normals, colors, triangles = mesh
     size = width, round(ASPECT * width)
     eye, axes = choose_view(points, normals, unit(np.asarray(up, float)))
     seen = (points - eye) @ axes.T
     depth = np.where(seen[:, 2] > 0, seen[:, 2], -1.0)
     projected = np.column_stack([FOCAL * width * seen[:, :2] / depth[:, None] + np.array(size) / 2, depth])
-    owner, weights = rasterize(projected[triangles], size)
-    shown = owner >= 0
-    corner = triangles[owner[shown]]
+    corners = projected[triangles]
+    (ax, ay), (bx, by), (cx, cy) = (corners[:, k, :2].T for k in range(3))
+    faces_us = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay) < 0
+    visible = np.flatnonzero((corners[:, :, 2] > 0).all(1) & faces_us)
+    visible = visible[np.argsort(-corners[visible, :, 2].mean(1), kind="stable")]
     light = -axes[2] - 0.5 * axes[1] - 0.4 * axes[0]  # behind the viewer, from above and from the left
-    normal = (normals[corner] * weights[shown][:, :, None]).sum(1)
-    shade = AMBIENT + (1 - AMBIENT) * np.clip(0.5 + 0.5 * (normal @ unit(light)), 0, 1)  # dark only where it faces away
-    picture = np.empty((2, size[1] * size[0], 3), np.uint8)
-    picture[:] = BACKGROUND
-    picture[0, shown] = (colors[corner] * weights[shown][:, :, None]).sum(1)
-    picture[1, shown] = (GREY * shade)[:, None]
-    return np.hstack(picture.reshape(2, size[1], size[0], 3)), len(triangles)
+    shade = 0.5 + 0.5 * (normals[triangles[visible]].mean(1) @ unit(light))  # dark only where it faces away
+    greys = np.rint(GREY * (AMBIENT + (1 - AMBIENT) * np.clip(shade, 0, 1))).astype(int)
+    halves = [Image.new("RGB", size, BACKGROUND) for _ in range(2)]
+    colored, shape = (ImageDraw.Draw(half) for half in halves)
+    for corner, color, grey in zip(corners[visible, :, :2], np.rint(colors[triangles[visible]].mean(1)).astype(int), greys):
+        polygon = [tuple(point) for point in corner]
+        colored.polygon(polygon, fill=tuple(color))
+        shape.polygon(polygon, fill=(grey, grey, grey))
+    return np.hstack([np.asarray(half) for half in halves]), len(triangles)
 
 
 def main():

@@ -29,8 +29,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-import replay_report
-from nodelet_session import TOPICS, Session, call, make_bag, save_map, save_session
+from nodelet_session import TOPICS, Session, call, make_bag, save_map, save_session, wait_for
 
 PLY_BYTES_PER_POINT = 6 * 4 + 3 + 4
 CHOICE = random.Random(1)
@@ -219,7 +218,7 @@ def wild_messages(build, _runs, seconds):
     def attack(session, bag):
         points, _ = keyframe_points()
         session.map_bag(bag)
-        replay_report.wait_for(lambda: points, "keyframe_points")
+        wait_for(lambda: points, "keyframe_points")
         good = [(topic, message) for topic, message, _ in rosbag.Bag(bag).read_messages(topics=list(TOPICS.values()))]
         image = next(message for topic, message in good if topic == TOPICS["image"])
         poses = [message for topic, message in good if topic == TOPICS["pose"]]
@@ -271,7 +270,7 @@ def occupancy(build, _runs, _seconds):
     def attack(session, bag):
         points, subscriber = keyframe_points()
         session.map_bag(bag)
-        replay_report.wait_for(lambda: points, "keyframe_points")
+        wait_for(lambda: points, "keyframe_points")
         subscriber.unregister()
         publisher = rospy.Publisher("/keyframe_points", KeyframePoints, queue_size=10)
         time.sleep(2)

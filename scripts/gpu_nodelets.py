@@ -20,8 +20,8 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import CameraInfo
 
-import replay_report
 import soak
+from nodelet_session import start_master, wait_for
 
 COUNTS = ("keyframes", "fast depth maps", "refined depth maps", "withdrawn from the map, since poses contradict the images")
 COLUMNS = ("recording", "preset", "cameras", "rate", "images", "keyframes", "first maps", "refined maps", "withdrawn",
@@ -80,7 +80,7 @@ class Mapper:
                 self.values.update((value.key, value.value) for value in status.values)
 
     def wait_until_ready(self):
-        replay_report.wait_for(lambda: self.values.get("device") or self.launch.poll() is not None, "the device")
+        wait_for(lambda: self.values.get("device") or self.launch.poll() is not None, "the device")
         manager = rosgraph.Master("/gpu_nodelets").lookupNode(f"{self.name}/manager")
         self.pid = ServerProxy(manager).getPid("/gpu_nodelets")[2]
 
@@ -129,7 +129,7 @@ def measure(arguments, log, bag, preset, cameras, rate):
 
 def main():
     arguments = parse_arguments()
-    master = replay_report.start_master()
+    master = start_master()
     try:
         rospy.init_node("gpu_nodelets", disable_signals=True)
         rows = [COLUMNS, ["---"] * len(COLUMNS)]

@@ -1,15 +1,37 @@
 """A nodelet manager with mapper and map under a ROS master of its own, for scripts and tests that put it to the test."""
 import json
+import os
+import socket
 import subprocess
+import sys
+import time
 from pathlib import Path
 
 import rosgraph
 import roslib.packages
 
-import replay_report
-
 TOPICS = {"image": "/camera/image_raw", "camera_info": "/camera/camera_info", "pose": "/slam/pose",
           "sparse_points": "/slam/sparse_points"}
+
+
+def start_master(port=None):
+    """A ROS master of its own, by default on a free port: one that runs already is left alone."""
+    if port is None:
+        with socket.socket() as free:
+            free.bind(("", 0))
+            port = free.getsockname()[1]
+    os.environ["ROS_MASTER_URI"] = f"http://localhost:{port}"
+    master = subprocess.Popen(["rosmaster", "--core", "-p", str(port)], stdout=subprocess.DEVNULL)
+    wait_for(lambda: rosgraph.is_master_online(), "the master")
+    return master
+
+
+def wait_for(condition, what, timeout_s=120.0):
+    end = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > end:
+            sys.exit(f"waited {timeout_s:.0f} s for {what}")
+        time.sleep(0.05)
 
 
 def call(service, *arguments):
@@ -45,7 +67,7 @@ class Session:
 
     def __init__(self, folder, map_parameters=(), mapper_parameters=(), global_parameters=()):
         self.folder = Path(folder)
-        self.master = replay_report.start_master()
+        self.master = start_master()
         self.manager = None
         try:
             mapper = {"device": "cpu", "overload": "block", "preset": "online", **dict(mapper_parameters)}
@@ -59,7 +81,7 @@ class Session:
                                                 stderr=subprocess.STDOUT)
             self.load("/map_server", "MapServerNodelet")
             self.load("/dense_mapper", "DenseMapperNodelet")
-            replay_report.wait_for(lambda: call("/dense_mapper/flush"), "the mapper")
+            wait_for(lambda: call("/dense_mapper/flush"), "the mapper")
         except BaseException:
             self.stop()
             raise
@@ -67,7 +89,7 @@ class Session:
     def load(self, name, nodelet):
         request = {"name": name, "type": f"acmp_mapping/{nodelet}", "remap_source_args": [f"/{n}" for n in TOPICS],
                    "remap_target_args": list(TOPICS.values())}
-        replay_report.wait_for(lambda: "success: True" in call("/manager/load_nodelet", json.dumps(request)), name)
+        wait_for(lambda: "success: True" in call("/manager/load_nodelet", json.dumps(request)), name)
 
     def log(self):
         return (self.folder / "log").read_text()
@@ -76,7 +98,7 @@ class Session:
         """Plays the bag and returns the points of the map afterwards."""
         play(bag)
         path = self.folder / "map.ply"
-        replay_report.wait_for(lambda: "success: True" in call("/dense_mapper/flush") and save_map(path)[0] > 0, "a map")
+        wait_for(lambda: "success: True" in call("/dense_mapper/flush") and save_map(path)[0] > 0, "a map")
         return save_map(path)[0]
 
     def alive(self):

@@ -7,7 +7,7 @@
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/fusion/voxel_map.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
-#include "image_files.h"
+#include "outputs.h"
 
 namespace acmp {
 namespace {
@@ -58,7 +58,7 @@ void ColmapOutput::WriteMaps(int index, const FinalMaps& maps) const {
     StartWriteback(path);
   };
   const auto write_map = [](const auto& path, const auto& map) { WriteColmapMap(path, map); };
-  write(folder_ / "images" / name, WriteColorImage, maps.color);
+  write(folder_ / "images" / name, WriteColorImage, run_.store.FrameOf(index)->color);
   write(DepthFile(name), write_map, measured_depth);
   write(folder_ / "stereo/normal_maps" / (name + ".geometric.bin"), write_map, measured_normal);
 }

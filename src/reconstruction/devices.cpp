@@ -24,6 +24,19 @@ std::vector<std::future<DepthEngineBackend>> StartDevices(const ReconstructOptio
   return backends;
 }
 
+/// The device that works on the image at a place of the scene. Stretches of up to 16 images, of about the same length,
+/// go to one device after the other: neighbours, which mostly see the same, are on the same one, and all devices are at
+/// about the same place of the scene, so that few points wait for those of earlier images.
+/// @param place below `images`; `devices` at least 1
+/// @return the device's number, from 0
+int DeviceOfPlace(size_t place, size_t images, size_t devices) {
+  constexpr size_t kMaxLength = 16;  // of a stretch
+  const size_t rounds = (images + kMaxLength * devices - 1) / (kMaxLength * devices);
+  const size_t stretches = std::min(rounds * devices, images);
+  const size_t stretch = ((place + 1) * stretches - 1) / images;  // s begins at s * images / stretches, rounded down
+  return static_cast<int>(stretch % devices);
+}
+
 }  // namespace
 
 std::vector<ReconstructDevice> MakeDevices(const ReconstructOptions& options, std::ostream* log) {
@@ -69,14 +82,6 @@ std::vector<int> Devices::PoolThreads() const {
   for (int device = 0; device < size(); ++device) threads.push_back(NumEngines(device));
   threads.resize(threads.size() + devices_.size(), 1);
   return threads;
-}
-
-int DeviceOfPlace(size_t place, size_t images, size_t devices) {
-  constexpr size_t kMaxLength = 16;  // of a stretch
-  const size_t rounds = (images + kMaxLength * devices - 1) / (kMaxLength * devices);
-  const size_t stretches = std::min(rounds * devices, images);
-  const size_t stretch = ((place + 1) * stretches - 1) / images;  // s begins at s * images / stretches, rounded down
-  return static_cast<int>(stretch % devices);
 }
 
 }  // namespace acmp

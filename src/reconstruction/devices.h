@@ -54,11 +54,4 @@ class Devices {
   std::map<int, int> device_of_;                              ///< by scene index
 };
 
-/// The device that works on the image at a place of the scene. Stretches of up to 16 images, of about the same length,
-/// go to one device after the other: neighbours, which mostly see the same, are on the same one, and all devices are at
-/// about the same place of the scene, so that few points wait for those of earlier images.
-/// @param place below `images`; `devices` at least 1
-/// @return the device's number, from 0
-int DeviceOfPlace(size_t place, size_t images, size_t devices);
-
 }  // namespace acmp

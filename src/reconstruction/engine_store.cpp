@@ -19,40 +19,34 @@ size_t ImageBytes(const Frame& frame, bool on_host) {
 }
 size_t EstimateBytes(const Frame& frame, bool on_host) { return frame.gray.size() * (on_host ? 72 : 49) / 2; }
 
-size_t HostBytes(const FinalMaps& maps) {
-  return maps.depth.size() * (sizeof(float) + sizeof(Vec3f) + sizeof(float)) + maps.color.size() * sizeof(Rgb);
-}
+size_t HostBytes(const FinalMaps& maps) { return maps.depth.size() * (sizeof(float) + sizeof(Vec3f) + sizeof(float)); }
 
-std::shared_ptr<const FinalMaps> FetchFinal(const Frame& frame, const DeviceEngine& engine,
-                                            const EngineEstimatePtr& estimate) {
+std::shared_ptr<const FinalMaps> FetchFinal(const DeviceEngine& engine, const EngineEstimatePtr& estimate) {
   EstimateMaps maps = engine.engine->Download(estimate);
   return std::make_shared<const FinalMaps>(
-      FinalMaps{std::move(maps.depth), std::move(maps.normal), std::move(maps.cost), {}, frame.color.Clone()});
+      FinalMaps{std::move(maps.depth), std::move(maps.normal), std::move(maps.cost), {}});
 }
 
 }  // namespace
 
-EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, const OutputFolder* folder,
-                         const ReconstructPlan& plan, const Devices& devices, const std::vector<KeyframeStep>& steps)
-    : folder_(folder),
+EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output,
+                         Results results, const ReconstructPlan& plan, const Devices& devices,
+                         const std::vector<KeyframeStep>& steps)
+    : output_(output),
       plan_(plan),
       levels_(MakePipelineOptions(options).start_level),
       steps_(steps),
       final_step_(static_cast<int>(steps.size()) - 1),
       frames_(*frames),
-      always_writes_(folder && (options.keep_work || devices.on_host())),
-      removes_files_(folder && devices.on_host() && !options.keep_work),
-      writes_maps_(!folder || !options.maps.empty() || options.colmap),
-      max_unsaved_map_bytes_(folder ? options.MemoryBytes(options.kMapShare) : kUnlimited) {
+      always_writes_(results == Results::kFiles && (options.keep_work || devices.on_host())),
+      removes_files_(results == Results::kMemory || (devices.on_host() && !options.keep_work)),
+      writes_maps_(results == Results::kMemory || !options.maps.empty() || options.colmap),
+      max_unsaved_map_bytes_(results == Results::kMemory ? kUnlimited : options.MemoryBytes(options.kMapShare)) {
   for (int device = 0; device < devices.size(); ++device) {
     const size_t bytes = devices.on_host() ? options.MemoryBytes(options.kMapShare) : devices.FreeBytes(device) / 2;
     const size_t unsaved = devices.on_host() ? 0 : bytes / 2;
     devices_.emplace_back(bytes / 4, bytes - bytes / 4 - unsaved, devices.on_host() ? kUnlimited : unsaved);
   }
-}
-
-std::filesystem::path EngineStore::FileOf(const Key& key) const {
-  return folder_ ? folder_->WorkFile(StepName(key.first, final_step_), key.second) : std::filesystem::path();
 }
 
 std::string EngineStore::StepName(int step, int final_step) {
@@ -111,11 +105,9 @@ EngineEstimatePtr EngineStore::Estimate(const Key& key, const Frame& frame, cons
 
 EngineEstimatePtr EngineStore::Read(const Key& key, const Frame& frame, const DeviceEngine& engine) const {
   EngineEstimatePtr elsewhere;
-  std::shared_ptr<const EstimateState> state;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (const auto found = unsaved_.find(key); found != unsaved_.end()) elsewhere = found->second.estimate;
-    if (const auto found = host_states_.find(key); found != host_states_.end()) state = found->second;
   }
   if (elsewhere) return engine.engine->Import(elsewhere);
   if (key.first == final_step_) {
@@ -123,8 +115,7 @@ EngineEstimatePtr EngineStore::Read(const Key& key, const Frame& frame, const De
     return engine.engine->UploadMaps({maps->depth.View(), maps->normal.View(), maps->cost.View()}, frame.camera);
   }
   const PinholeCamera camera = CameraAtLevel(frame.camera, steps_[static_cast<size_t>(key.first)].level);
-  if (state) return engine.engine->UploadState(state->Clone(), camera);
-  return engine.engine->UploadState(ReadEstimate(FileOf(key), camera.width, camera.height), camera);
+  return engine.engine->UploadState(ReadEstimate(FileOf(key)), camera);
 }
 
 void EngineStore::Keep(int step, const Frame& frame, const DeviceEngine& engine, const EngineEstimatePtr& estimate) {
@@ -132,12 +123,10 @@ void EngineStore::Keep(int step, const Frame& frame, const DeviceEngine& engine,
   const bool is_final = step == final_step_;
   const size_t bytes = EstimateBytes(frame, engine.on_host);
   std::shared_ptr<const FinalMaps> maps;
-  if (is_final && writes_maps_) maps = FetchFinal(frame, engine, estimate);
+  if (is_final && writes_maps_) maps = FetchFinal(engine, estimate);
   if (KeepUnsaved(key, {estimate, engine.device, bytes}, maps)) return;
-  if (!folder_) {
-    KeepOnHost(key, engine, estimate, std::move(maps));
-  } else if (is_final) {
-    WriteFinalMaps(FileOf(key), maps ? *maps : *FetchFinal(frame, engine, estimate));
+  if (is_final) {
+    WriteFinalMaps(FileOf(key), maps ? *maps : *FetchFinal(engine, estimate));
   } else {
     WriteEstimate(FileOf(key), engine.engine->DownloadState(estimate));
   }
@@ -162,21 +151,6 @@ bool EngineStore::KeepUnsaved(const Key& key, const Unsaved& unsaved, std::share
   unsaved_map_bytes_ = map_bytes;
   if (maps) unsaved_maps_[key.second] = std::move(maps);
   return true;
-}
-
-void EngineStore::KeepOnHost(const Key& key, const DeviceEngine& engine, const EngineEstimatePtr& estimate,
-                             std::shared_ptr<const FinalMaps> maps) {
-  std::shared_ptr<const EstimateState> state;
-  if (key.first != final_step_) {
-    state = std::make_shared<const EstimateState>(engine.engine->DownloadState(estimate));
-  }
-  const std::lock_guard<std::mutex> lock(mutex_);
-  if (state) {
-    host_states_[key] = std::move(state);
-  } else {
-    unsaved_map_bytes_ += HostBytes(*maps);
-    unsaved_maps_[key.second] = std::move(maps);
-  }
 }
 
 std::vector<EngineStore::Key> EngineStore::Estimates(const ImagePlan& image, int step) const {
@@ -207,7 +181,6 @@ void EngineStore::Forget(const Key& key) {
   std::error_code ignored;  // what is left goes with the work folder
   if (removes_files_ && key.first != final_step_) std::filesystem::remove(FileOf(key), ignored);
   const std::lock_guard<std::mutex> lock(mutex_);
-  host_states_.erase(key);
   const auto found = unsaved_.find(key);
   if (found == unsaved_.end()) return;
   Device& device = devices_.at(found->second.device);

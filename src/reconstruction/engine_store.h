@@ -1,7 +1,12 @@
 #pragma once
 
+#include <tbb/task_arena.h>
+
+#include <cstddef>
 #include <deque>
 #include <functional>
+#include <limits>
+#include <list>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -12,30 +17,111 @@
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
 #include "devices.h"
-#include "input_hash.h"
-#include "lru_cache.h"
 #include "output_folder.h"
 #include "plan.h"
 #include "work_files.h"
 
 namespace acmp {
 
+/// Keeps the values used last, up to a number of bytes and of values. A value that is larger than all of it is handed
+/// out but not kept. Any number of threads may ask; a value that several want is made once, and different ones at the
+/// same time.
+template <class Key, class Value>
+class LruCache {
+ public:
+  using Pointer = std::shared_ptr<const Value>;
+
+  explicit LruCache(size_t max_bytes, size_t max_values = std::numeric_limits<size_t>::max())
+      : max_bytes_(max_bytes), max_values_(max_values) {}
+
+  /// The value of a key; made by `make` when it is not there. `bytes_of` says how large it is. Where `make` throws,
+  /// each of those who wait for the value tries for himself.
+  Pointer Get(const Key& key, const std::function<Pointer()>& make,
+              const std::function<size_t(const Value&)>& bytes_of) {
+    const std::shared_ptr<Slot> slot = Touch(key);
+    const std::lock_guard<std::mutex> lock(slot->mutex);
+    if (!slot->value) {
+      // While it waits for its own loops this thread must not take up work that waits for this value.
+      tbb::this_task_arena::isolate([&] { slot->value = make(); });
+      Count(key, slot, bytes_of(*slot->value));
+    }
+    return slot->value;
+  }
+
+  /// Forgets a value; no effect when it is not there. One that is being made still goes to all who wait for it, but is
+  /// not kept.
+  void Drop(const Key& key) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto found = entries_.find(key);
+    if (found != entries_.end()) Erase(found);
+  }
+
+  size_t bytes() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return bytes_;
+  }
+
+ private:
+  struct Slot {
+    std::mutex mutex;  ///< held while the value is made
+    Pointer value;
+  };
+  struct Entry {
+    std::shared_ptr<Slot> slot;
+    size_t bytes = 0;  ///< 0: not made yet
+    typename std::list<Key>::iterator place;
+  };
+  using Entries = std::map<Key, Entry>;
+
+  /// The slot of a key, which is the one used last from now on.
+  std::shared_ptr<Slot> Touch(const Key& key) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (const auto found = entries_.find(key); found != entries_.end()) {
+      order_.splice(order_.begin(), order_, found->second.place);
+      return found->second.slot;
+    }
+    order_.push_front(key);
+    return entries_.emplace(key, Entry{std::make_shared<Slot>(), 0, order_.begin()}).first->second.slot;
+  }
+
+  void Count(const Key& key, const std::shared_ptr<Slot>& slot, size_t bytes) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto entry = entries_.find(key);
+    if (entry == entries_.end() || entry->second.slot != slot) return;  // dropped meanwhile
+    entry->second.bytes = bytes;
+    bytes_ += bytes;
+    ++values_;
+    const auto is_full = [&] { return bytes_ > max_bytes_ || values_ > max_values_; };
+    for (auto oldest = order_.end(); is_full() && oldest != order_.begin();) {
+      const auto found = entries_.find(*--oldest);
+      if (found->second.bytes == 0) continue;
+      ++oldest;  // before it goes
+      Erase(found);
+    }
+  }
+
+  void Erase(typename Entries::iterator entry) {
+    bytes_ -= entry->second.bytes;
+    if (entry->second.bytes > 0) --values_;
+    order_.erase(entry->second.place);
+    entries_.erase(entry);
+  }
+
+  const size_t max_bytes_, max_values_;
+  mutable std::mutex mutex_;
+  Entries entries_;
+  std::list<Key> order_;  ///< used last first
+  size_t bytes_ = 0;      ///< of all that are made
+  size_t values_ = 0;     ///< that are made
+};
+
 /// Images of a scene at the size of the run. For any number of threads.
 class FrameStore {
  public:
-  /// What is done about files that are written after they have been read.
-  enum class Changes {
-    kIgnored,  ///< during one run
-    kRead,     ///< an image whose files have been written since is read again
-  };
-
   /// Reads them from their files, the ones used last kept in memory. @param scene outlives this
-  FrameStore(const Scene& scene, const FrameOptions& options, size_t max_bytes, Changes changes = Changes::kIgnored)
+  FrameStore(const Scene& scene, const FrameOptions& options, size_t max_bytes)
       : load_([&scene, options](int index) { return std::make_shared<const Frame>(LoadFrame(scene, index, options)); }),
-        cache_(max_bytes) {
-    if (changes == Changes::kIgnored) return;
-    stamp_ = [&scene](int index) { return StampOfFiles(scene.images[static_cast<size_t>(index)]); };
-  }
+        cache_(max_bytes) {}
 
   /// All of them, in memory. @param frames of scene index 0, 1, ..., with that as their id
   explicit FrameStore(std::vector<FramePtr> frames)
@@ -43,7 +129,7 @@ class FrameStore {
 
   FramePtr Get(int index) {
     return cache_.Get(
-        {index, stamp_(index)}, [&] { return load_(index); },
+        index, [&] { return load_(index); },
         [](const Frame& frame) {
           return frame.gray.size() * sizeof(float) + frame.color.size() * sizeof(Rgb) + frame.mask.size() +
                  frame.prior_depth.size() * sizeof(float);
@@ -52,13 +138,11 @@ class FrameStore {
 
  private:
   const std::function<FramePtr(int)> load_;
-  std::function<uint64_t(int)> stamp_ = [](int) { return uint64_t{0}; };  ///< of an image's files
-  LruCache<std::pair<int, uint64_t>, Frame> cache_;
+  LruCache<int, Frame> cache_;
 };
 
 /// Images and estimates of a run where the engines read them: those used last stay on their devices, others are read
 /// from the images' and the work folder's files. For any number of threads; an engine by one at a time.
-/// Without a folder everything stays in memory: on its device as far as there is room, beyond on the host.
 /// What GPUs make is kept in their memory, as far as it goes, and not written to the work folder: that takes longer
 /// than making it again after an interruption.
 class EngineStore {
@@ -66,14 +150,25 @@ class EngineStore {
   /// An image's estimate after a step of its schedule: step, scene index.
   using Key = std::pair<int, int>;
 
-  /// All outlive the store. @param folder null: no files
+  enum class Results {
+    kFiles,   ///< a run that is interrupted goes on from its work files
+    kMemory,  ///< final maps are fetched at the end; files are for what devices have no room for
+  };
+
+  /// All outlive the store. @param output has the work folder
   /// @param steps of an image's schedule; the last one's estimates are final
-  EngineStore(FrameStore* frames, const ReconstructOptions& options, const OutputFolder* folder,
-              const ReconstructPlan& plan, const Devices& devices, const std::vector<KeyframeStep>& steps);
+  EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output,
+              Results results, const ReconstructPlan& plan, const Devices& devices,
+              const std::vector<KeyframeStep>& steps);
 
   int final_step() const { return final_step_; }
-  /// Where an estimate is if it is in a file. Empty without a folder.
-  std::filesystem::path FileOf(const Key& key) const;
+  FramePtr FrameOf(int index) { return frames_.Get(index); }
+  const std::filesystem::path& output() const { return output_; }
+  /// Where an estimate is if it is in a file.
+  static std::filesystem::path FileOf(const std::filesystem::path& output, const Key& key, int final_step) {
+    return OutputFolder::WorkFile(output, StepName(key.first, final_step), key.second);
+  }
+  std::filesystem::path FileOf(const Key& key) const { return FileOf(output_, key, final_step_); }
   /// Of a step's work files: "step_0", ..., "final".
   static std::string StepName(int step, int final_step);
 
@@ -83,7 +178,6 @@ class EngineStore {
   EngineProblem Problem(const ImagePlan& image, int step, const DeviceEngine& engine);
 
   /// Keeps an estimate: on its device, and in a file of the work folder if there is no room or the device is the host.
-  /// Without a folder: on its device, or in host memory if there is no room.
   void Keep(int step, const Frame& frame, const DeviceEngine& engine, const EngineEstimatePtr& estimate);
 
   /// Announces that so many will read each of the estimates that Problem(image, step) gives.
@@ -120,14 +214,11 @@ class EngineStore {
   EngineEstimatePtr Read(const Key& key, const Frame& frame, const DeviceEngine& engine) const;
   /// @param maps of a final estimate; null: they are not written
   bool KeepUnsaved(const Key& key, const Unsaved& unsaved, std::shared_ptr<const FinalMaps> maps);
-  /// Without a folder, what has no room on its device.
-  void KeepOnHost(const Key& key, const DeviceEngine& engine, const EngineEstimatePtr& estimate,
-                  std::shared_ptr<const FinalMaps> maps);
   /// Keys of the estimates that Problem(image, step) gives.
   std::vector<Key> Estimates(const ImagePlan& image, int step) const;
   void Forget(const Key& key);
 
-  const OutputFolder* const folder_;  ///< or null
+  const std::filesystem::path output_;
   const ReconstructPlan& plan_;
   const int levels_;
   const std::vector<KeyframeStep> steps_;
@@ -143,7 +234,6 @@ class EngineStore {
   std::map<Key, Unsaved> unsaved_;  ///< in no file
   std::map<int, std::shared_ptr<const FinalMaps>> unsaved_maps_;
   size_t unsaved_map_bytes_ = 0;
-  std::map<Key, std::shared_ptr<const EstimateState>> host_states_;  ///< see KeepOnHost; none of them final
   std::map<Key, int> readers_left_;
 };
 

@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <exception>
 #include <map>
 #include <vector>
@@ -14,8 +13,7 @@ namespace acmp {
 namespace {
 
 FinalMaps ToFinalMaps(const KeyframeDepth& keyframe) {
-  return {keyframe.depth.Clone(), keyframe.normal.Clone(), keyframe.cost.Clone(), keyframe.confidence.Clone(),
-          keyframe.frame->color.Clone()};
+  return {keyframe.depth.Clone(), keyframe.normal.Clone(), keyframe.cost.Clone(), keyframe.confidence.Clone()};
 }
 
 /// Feeds the images to a mapper and keeps the last maps of each.
@@ -139,10 +137,7 @@ class OnlineSchedule {
 
   ImagePlan& PlanOf(int64_t id) {
     std::vector<ImagePlan>& images = run_.plan.images;
-    const auto found =
-        std::find_if(images.begin(), images.end(), [&](const ImagePlan& image) { return image.index == id; });
-    if (found == images.end()) throw ProcessingError(Concat("the mapper named image ", id, ", which it never got"));
-    return *found;
+    return images.at(static_cast<size_t>(run_.plan.Find(static_cast<int>(id)) - images.data()));
   }
 
   ReconstructRun& run_;

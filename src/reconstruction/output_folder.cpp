@@ -125,7 +125,7 @@ OutputFolder::OutputFolder(const std::filesystem::path& path, const RunRecord& r
   MakeFolder(path_);
   Lock(use == Use::kStages && !overwrite);
   try {
-    TakeOver(record, overwrite, use);
+    TakeOver(record, overwrite);
   } catch (...) {
     close(lock_);
     throw;
@@ -157,7 +157,7 @@ void OutputFolder::Lock(bool shared) {
   throw InvalidInputError(Concat(path_.string(), ": another run is writing to this folder right now"));
 }
 
-void OutputFolder::TakeOver(const RunRecord& record, bool overwrite, Use use) {
+void OutputFolder::TakeOver(const RunRecord& record, bool overwrite) {
   const auto record_path = path_ / kRecordName;
   const std::string text = Format(record);
   const bool is_ours = Exists(path_);
@@ -170,14 +170,13 @@ void OutputFolder::TakeOver(const RunRecord& record, bool overwrite, Use use) {
     WriteFileAtomically(record_path, text, Durability::kPowerCut);
     return;
   }
-  const std::string earlier = ReadText(record_path);
   if (overwrite) {
     RemoveResults();
     WriteFileAtomically(record_path, text, Durability::kPowerCut);
     return;
   }
-  const std::string differences = DescribeDifferences(Parse(earlier), record);
-  if (use == Use::kStages ? !differences.empty() : earlier != text) {
+  const std::string differences = DescribeDifferences(Parse(ReadText(record_path)), record);
+  if (!differences.empty()) {
     throw InvalidInputError(Concat(path_.string(), ": holds a run with other settings (", differences,
                                    "): give --overwrite to start afresh, or another folder"));
   }
@@ -247,6 +246,13 @@ void OutputFolder::StartAfresh() {
 
 std::filesystem::path OutputFolder::WorkFile(const std::filesystem::path& output, const std::string& kind, int number) {
   return output / kWorkName / kind / (SixDigits(number) + ".bin");
+}
+
+std::filesystem::path OutputFolder::MakeWorkFolder(const std::string& kind) const {
+  MakeFolder(path_ / kWorkName);
+  std::string name = (path_ / kWorkName / (kind + "_XXXXXX")).string();
+  if (!mkdtemp(name.data())) throw ProcessingError(Concat("cannot make ", name, ": ", std::strerror(errno)));
+  return name;
 }
 
 void OutputFolder::RemoveWork() const { Remove(path_ / kWorkName); }

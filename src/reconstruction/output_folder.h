@@ -26,7 +26,7 @@ class OutputFolder {
 
   /// Makes the folder or takes over the one that is there. Throws InvalidInputError when it belongs to a run with other
   /// settings (unless `overwrite`), to something else, or to a run that is going on right now.
-  /// @param record for kStages only these settings are compared
+  /// @param record these settings are compared; those that only the other run has are not
   OutputFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite, Use use = Use::kRun);
   ~OutputFolder();
   OutputFolder(const OutputFolder&) = delete;
@@ -52,6 +52,8 @@ class OutputFolder {
   /// OUTPUT/work/KIND/000012.bin
   static std::filesystem::path WorkFile(const std::filesystem::path& output, const std::string& kind, int number);
   std::filesystem::path WorkFile(const std::string& kind, int number) const { return WorkFile(path_, kind, number); }
+  /// A new folder OUTPUT/work/KIND_..., which no other process has.
+  std::filesystem::path MakeWorkFolder(const std::string& kind) const;
   void RemoveWork() const;
 
   /// OUTPUT/KIND/000012SUFFIX
@@ -60,7 +62,7 @@ class OutputFolder {
 
  private:
   void Lock(bool shared);
-  void TakeOver(const RunRecord& record, bool overwrite, Use use);
+  void TakeOver(const RunRecord& record, bool overwrite);
   void RemoveResults() const;
   std::string Losses() const;
 

@@ -110,6 +110,12 @@ const ImagePlan* ReconstructPlan::Find(int index) const {
   return found != images.end() && found->index == index ? &*found : nullptr;
 }
 
+std::vector<int> ReconstructPlan::Indices() const {
+  std::vector<int> indices;
+  for (const ImagePlan& image : images) indices.push_back(image.index);
+  return indices;
+}
+
 std::vector<int> ReconstructPlan::ImagesRead(const ImagePlan& image) const {
   std::vector<int> indices = {image.index};
   for (int source : image.sources) {

@@ -1,14 +1,14 @@
 #pragma once
 
-#include <array>
-#include <map>
+#include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
-#include "acmp_mapping/reconstruction/stop_request.h"
 #include "progress.h"
 
 namespace acmp {
@@ -24,6 +24,22 @@ std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<
 void TakePriorDepths(const ReconstructOptions& options, const std::vector<int>& indices, Scene* scene,
                      Progress* progress);
 
+/// Of the content of an image's files: itself, its mask, its prior depth. Reads them, without decoding.
+uint64_t HashOfFiles(const SceneImage& image);
+
+/// HashOfFiles of each of these images, side by side. Throws Interrupted.
+/// @param also is called for each, in any thread
+std::vector<uint64_t> HashFiles(const Scene& scene, const std::vector<int>& indices, const StopRequest& interrupt,
+                                const std::function<void(int index)>& also);
+
+/// Another number once one of these files has been written or replaced. Does not read them.
+uint64_t StampOfFiles(const SceneImage& image);
+
+/// Of all that a run reads: files, cameras, poses, landmarks, ranges and source views that the dataset names.
+/// @param files HashOfFiles of the image at the same place of `indices`
+/// @return 16 digits
+std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<uint64_t>& files);
+
 /// Chooses source views among the images of a scene without looking at all pairs: SelectSourceViews gives the same for
 /// the images around, once none of those farther away could be worth as much as the least of what it chose.
 class SourceCandidates {
@@ -37,21 +53,16 @@ class SourceCandidates {
   std::vector<int> Select(int index, double typical_depth, int max_sources) const;
 
  private:
-  using Cell = std::array<int64_t, 3>;
-
-  Cell CellOf(const Eigen::Vector3d& point) const;
-  /// Images but for `index` that are within a distance of it, and perhaps some more; ascending.
+  /// Images but for `index` that are within a distance of it; ascending.
   std::vector<int> Around(int index, double distance) const;
   /// No view farther away can gain as much (SelectedSourceView::gain, 0..1).
   double DistanceOfGain(int index, double typical_depth, double gain) const;
 
   const Scene& scene_;
   const std::vector<int> indices_;
-  double extent_ = 0;  ///< no two images are farther apart
-  double cell_size_ = 1;
-  double most_focal_length_ = 0;  ///< px, of all images
-  double least_cosine_ = 1;       ///< between a ray of any image and its optical axis
-  std::map<Cell, std::vector<int>> cells_;
+  std::vector<Eigen::Vector3d> centres_;  ///< of the indices
+  double most_focal_length_ = 0;          ///< px, of all images
+  double least_cosine_ = 1;               ///< between a ray of any image and its optical axis
 };
 
 /// What to do with one image of the scene.
@@ -76,6 +87,8 @@ struct ReconstructPlan {
     const ImagePlan* image = Find(index);
     return image && image->no_map.empty();
   }
+  /// Scene indices of the images.
+  std::vector<int> Indices() const;
   /// The image and its source views that get a map: whose estimates its refinements and its points are made of.
   std::vector<int> ImagesRead(const ImagePlan& image) const;
 };

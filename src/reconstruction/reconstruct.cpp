@@ -8,9 +8,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "image_files.h"
-#include "input_hash.h"
-#include "run_record.h"
+#include "outputs.h"
+#include "plan.h"
+#include "run.h"
 #include "stages.h"
 
 namespace acmp {
@@ -46,19 +46,6 @@ ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, co
   return MakeOfflinePlan(scene, indices, ranges, options);
 }
 
-/// Reads every image once, so that a damaged one is found now and not hours later, and returns a hash of all input:
-/// files, masks, cameras, poses, landmarks, ranges and source views.
-std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
-                       const StopRequest& interrupt) {
-  std::vector<ImageHashes> hashes(indices.size());
-  tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
-    frames->Get(indices[i]);  // those that fit in stay for the run
-    hashes[i] = HashesOf(scene, indices[i]);
-  });
-  interrupt.Check();
-  return InputHash(hashes);
-}
-
 /// Of the files of all images: what StampOfFiles says.
 std::vector<uint64_t> StampsOf(const Scene& scene, const std::vector<int>& indices) {
   std::vector<uint64_t> stamps;
@@ -92,36 +79,37 @@ CloudSize RunSchedule(ReconstructRun* run) {
 
 }  // namespace
 
-void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
-                 std::ostream* out, std::ostream* log, bool log_is_terminal) {
+void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   const Timer timer;
   Validate(options);
-  if (!options.stage.empty()) {
-    return DoStage(options, make_devices, interrupt, out, log, log_is_terminal);
-  }
+  if (!options.stage.empty()) return DoStage(options, context);
   CheckOutputIsNoInput(options);
   const bool plans = !options.plan.empty();
   std::future<std::vector<ReconstructDevice>> devices_to_come =
-      std::async(plans ? std::launch::deferred : std::launch::async, make_devices);
+      std::async(plans ? std::launch::deferred : std::launch::async, context.make_devices);
   Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers),
                           options.image_path);
-  Progress progress(log, ProgressStyleFor(options.quiet, log_is_terminal));
+  Progress progress(&context.log, ProgressStyleFor(options.quiet, context.log_is_terminal));
+  StopRequest& interrupt = context.interrupt;
+  std::ostream* const out = &context.out;
   for (const std::string& warning : scene.warnings) progress.Warn(warning);
   const std::vector<int> indices = TakeMasks(options, ChosenImages(scene, options.images), &scene, &progress);
   TakePriorDepths(options, indices, &scene, &progress);
   if (options.colmap) ColmapOutput::CheckNames(scene, indices);
   ReconstructPlan plan = MakePlan(scene, indices, options);
-  interrupt->Check();
+  interrupt.Check();
   for (const std::string& warning : plan.warnings) progress.Warn(warning);
 
-  RefineScenePoses(plan, options, *interrupt, &scene, &progress);
-  interrupt->Check();
+  RefineScenePoses(plan, options, interrupt, &scene, &progress);
+  interrupt.Check();
   CheckSizes(scene, indices, options);
-  if (plans) return PlanStages(scene, plan, options, &progress, out);
-  progress.Note(Concat("checking ", indices.size(), " images"));
   FrameStore frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare));
+  if (plans) return PlanStages(scene, plan, options, interrupt, &frames, &progress, out);
+  progress.Note(Concat("checking ", indices.size(), " images"));
   const std::vector<uint64_t> stamps = StampsOf(scene, indices);
-  const std::string input_hash = CheckInput(scene, indices, &frames, *interrupt);
+  // Each image is decoded once, so that a damaged one is found now and not hours later; those that fit in stay.
+  const auto decode = [&](int index) { frames.Get(index); };
+  const std::string input_hash = InputHash(scene, indices, HashFiles(scene, indices, interrupt, decode));
   const Devices devices(devices_to_come.get(), indices);
   const RunRecord record = MakeRecord(options, devices.name(), input_hash);
   OutputFolder folder(options.output, record, options.overwrite);
@@ -129,7 +117,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
     if (!options.keep_work) folder.RemoveWork();
     ReportComplete(folder, options.output.string() + ": already complete (--overwrite starts afresh)", options.quiet,
                    out);
-    if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, *interrupt, &frames, &progress, out);
+    if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, interrupt, &frames, &progress, out);
     return;
   }
   if (!folder.losses().empty()) {
@@ -140,14 +128,15 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   }
   if (folder.state() == OutputFolder::State::kStarted && options.online()) folder.StartAfresh();
   {
-    EngineStore store(&frames, options, &folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
-    ReconstructRun run{scene, options, plan, devices, store, *interrupt, progress, &folder};
+    EngineStore store(&frames, options, folder.path(), EngineStore::Results::kFiles, plan, devices,
+                      ScheduleOf(MakePipelineOptions(options)));
+    ReconstructRun run{scene, options, plan, devices, store, interrupt, progress, &folder};
     const CloudSize cloud = RunSchedule(&run);
     CheckUnchanged(scene, indices, stamps, &folder);
     const std::string failure = EndRun(&run, record, devices.name(), timer, cloud, out);
     if (!failure.empty()) throw ProcessingError(failure);
   }
-  if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, *interrupt, &frames, &progress, out);
+  if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, interrupt, &frames, &progress, out);
 }
 
 }  // namespace acmp

@@ -2,6 +2,10 @@
 
 #include <tbb/parallel_for.h>
 
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
 #include <memory>
 #include <numeric>
 #include <set>
@@ -10,18 +14,11 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
-#include "run_record.h"
+#include "run.h"
 #include "run_tasks.h"
 
 namespace acmp {
 namespace {
-
-void CheckMask(const std::string& name, const InputImage& image) {
-  const Mask& mask = image.mask;
-  if (mask.empty() || (mask.width() == image.camera.width && mask.height() == image.camera.height)) return;
-  throw InvalidInputError(Concat(name, ": mask size ", mask.width(), " x ", mask.height(), ": must be the image's, ",
-                                 image.camera.width, " x ", image.camera.height));
-}
 
 void CheckSources(const std::string& name, int index, const std::vector<int>& sources, int images) {
   std::set<int> seen;
@@ -34,22 +31,26 @@ void CheckSources(const std::string& name, int index, const std::vector<int>& so
   }
 }
 
-void CheckImages(const std::vector<InputImage>& images) {
-  if (images.empty()) throw InvalidInputError("number of images = 0: must be at least 1");
-  const int count = static_cast<int>(images.size());
-  for (int index = 0; index < count; ++index) {
-    const InputImage& image = images[static_cast<size_t>(index)];
+/// Throws InvalidInputError for an image that does not fit its camera, pose, mask or source views; leaves all but the
+/// pixels.
+std::vector<FramePtr> MakeFrames(std::vector<InputImage>* images, const FrameOptions& options,
+                                 const StopRequest& interrupt) {
+  std::vector<FramePtr> frames(images->size());
+  tbb::parallel_for(size_t{0}, images->size(), [&](size_t i) {
+    InputImage& image = (*images)[i];
     const std::string name = "image " + image.name;
-    CheckCamera(name.c_str(), image.camera);
-    if (image.color.width() != image.camera.width || image.color.height() != image.camera.height) {
-      throw InvalidInputError(Concat(name, ": image size ", image.color.width(), " x ", image.color.height(),
-                                     ": must be the camera's, ", image.camera.width, " x ", image.camera.height));
+    try {
+      frames[i] =
+          std::make_shared<const Frame>(MakeFrame(static_cast<int64_t>(i), 0.0, std::move(image.color), image.camera,
+                                                  image.cam_from_world, image.landmarks_in_world, options, image.mask));
+    } catch (const InvalidInputError& error) {
+      throw InvalidInputError(Concat(name, ": ", error.what()));
     }
-    CheckPose(name.c_str(), image.cam_from_world);
-    CheckMask(name, image);
-    CheckSources(name, index, image.ranked_sources, count);
+    CheckSources(name, static_cast<int>(i), image.ranked_sources, static_cast<int>(images->size()));
     if (image.depth_range) CheckDepthRange((name + ": depth range").c_str(), *image.depth_range);
-  }
+  });
+  interrupt.Check();
+  return frames;
 }
 
 /// The images as a scene that has no files.
@@ -81,18 +82,26 @@ ReconstructPlan MakePlan(const Scene& scene, const std::vector<InputImage>& imag
   return MakeOfflinePlan(scene, indices, ranges, options);
 }
 
-std::vector<FramePtr> MakeFrames(std::vector<InputImage> images, const FrameOptions& options,
-                                 const StopRequest& interrupt) {
-  std::vector<FramePtr> frames(images.size());
-  tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) {
-    InputImage& image = images[i];
-    frames[i] = std::make_shared<const Frame>(MakeFrame(static_cast<int64_t>(i), 0.0, std::move(image.color),
-                                                        image.camera, image.cam_from_world,
-                                                        std::move(image.landmarks_in_world), options, image.mask));
-  });
-  interrupt.Check();
-  return frames;
-}
+/// A folder that goes with this. Throws ProcessingError where there can be none.
+class TemporaryFolder {
+ public:
+  TemporaryFolder() {
+    std::string name = (std::filesystem::temp_directory_path() / "acmp_XXXXXX").string();
+    if (!mkdtemp(name.data())) throw ProcessingError(Concat("cannot make ", name, ": ", std::strerror(errno)));
+    path_ = name;
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
 
 /// What the run's tasks leave, by scene index.
 struct Outputs {
@@ -151,7 +160,8 @@ ImageReconstruction Collect(ReconstructRun* run, Outputs outputs) {
 ImageReconstruction ReconstructImages(std::vector<InputImage> images, const ReconstructOptions& options,
                                       const DeviceMaker& make_devices, StopRequest* interrupt) {
   Validate(options);
-  CheckImages(images);
+  if (images.empty()) throw InvalidInputError("number of images = 0: must be at least 1");
+  FrameStore frames(MakeFrames(&images, MakeFrameOptions(options), *interrupt));
   Scene scene = MakeScene(images);
   std::vector<int> indices(images.size());
   std::iota(indices.begin(), indices.end(), 0);
@@ -159,9 +169,10 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
   interrupt->Check();
   CheckSizes(scene, indices, options);
   scene.landmarks_in_world.clear();
-  FrameStore frames(MakeFrames(std::move(images), MakeFrameOptions(options), *interrupt));
   const Devices devices(make_devices(), indices);
-  EngineStore store(&frames, options, nullptr, plan, devices, ScheduleOf(MakePipelineOptions(options)));
+  const TemporaryFolder files;
+  EngineStore store(&frames, options, files.path(), EngineStore::Results::kMemory, plan, devices,
+                    ScheduleOf(MakePipelineOptions(options)));
   std::ostream nowhere(nullptr);
   Progress progress(&nowhere, ProgressStyle::kSilent);
   ReconstructRun run{scene, options, plan, devices, store, *interrupt, progress, nullptr};

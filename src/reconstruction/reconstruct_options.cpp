@@ -15,6 +15,7 @@
 namespace acmp {
 namespace {
 
+constexpr const char* kStageGroup = "Stages, for several machines (scripts/acmp_cluster.py; docs/offline.md)";
 constexpr const char* kFooter = R"(
 SCENE is a folder of images with known camera poses, in one of two layouts:
   colmap   images/ and a COLMAP model (cameras, images, points3D as .txt or .bin) in SCENE, SCENE/sparse or
@@ -57,39 +58,84 @@ Examples:
 
 Exit codes: 0 done, 2 wrong use or input, 1 failed or interrupted.)";
 
-CLI::Validator OneOf(const std::vector<std::string>& names) { return CLI::IsMember(names); }
+/// The options that are flags, numbers or one of several words, by their names on the command line, with their bounds.
+OptionList OptionsOf(ReconstructOptions* o) {
+  OptionList list;
+  list.Text("--format", &o->format, "Layout of SCENE").choices = {"auto", "colmap", "mvsnet"};
+  list.Text("--pixel-centers", &o->pixel_centers,
+            "Of mvsnet: where K has the centre of the first pixel, integer: (0, 0), half: (0.5, 0.5), as K of COLMAP\n"
+            "that was copied (colmap2mvsnet.py)")
+      .choices = {"integer", "half"};
 
-void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
-  app->option_defaults()->group("Matching");
-  app->add_option(
-         "--preset", options->preset,
-         "balanced: everything; online: everything with fewer iterations, half of the time or less (not tied to\n"
-         "--schedule online); acmh, acmm, acmp_no_geometric, acmp: the papers' systems, for comparison")
-      ->check(OneOf(PresetNames()))
-      ->capture_default_str();
-  app->add_option("--set", options->set,
-                  "NAME=VALUE: an option of the pipeline over the preset's, see below; may be given several times");
-  app->add_option("--max-image-size", options->max_image_size,
-                  "Shrink images so that the longer side has at most this many pixels; 0: as stored")
-      ->capture_default_str();
-  app->add_option("--source-views", options->source_views, "Images to match each image against, 1 to 32")
-      ->capture_default_str();
-  app->add_option("--min-source-views", options->min_source_views,
-                  "An image with fewer useful source views gets no map; 0: 1 offline, 2 online")
-      ->capture_default_str();
-  app->add_option("--depth-min", options->depth_min,
-                  "Nearest depth to search, scene units; instead of the dataset's and the landmarks'");
-  app->add_option("--depth-max", options->depth_max, "Farthest depth to search");
-  const Option refine_poses = OptionsOf(&options->pose_refinement).Find("refine_poses");
-  app->add_option_function<std::string>("--refine-poses", refine_poses.set, refine_poses.sentence)
-      ->check(OneOf(refine_poses.choices))
-      ->default_str("off");
-  app->add_option("--seed", options->seed, "Of the random numbers: same seed, same bits")->capture_default_str();
+  list.Group("Matching");
+  list.Text("--preset", &o->preset,
+            "balanced: everything; online: everything with fewer iterations, half of the time or less (not tied to\n"
+            "--schedule online); acmh, acmm, acmp_no_geometric, acmp: the papers' systems, for comparison")
+      .choices = PresetNames();
+  list.Number("--max-image-size", &o->max_image_size, 0, 65536, "px",
+              "Shrink images so that the longer side has at most this many pixels; 0: as stored");
+  list.Number("--source-views", &o->source_views, 1, kMaxSourceViews, "", "Images to match each image against");
+  list.Number("--min-source-views", &o->min_source_views, 0, kMaxSourceViews, "",
+              "An image with fewer useful source views gets no map; 0: 1 offline, 2 online");
+  const Option poses = OptionsOf(&o->pose_refinement).Find("refine_poses");
+  list.Add("--refine-poses", poses.sentence, poses.get, poses.set).choices = poses.choices;
+
+  list.Group("Schedule");
+  list.Text("--schedule", &o->schedule,
+            "offline: all images know each other; online: images come one by one in the order of their index and are\n"
+            "matched within a sliding window, as in the ROS nodelet (pair.txt is not used then)")
+      .choices = {"offline", "online"};
+  DenseMapperOptions mapper;
+  const OptionList of_mapper = OptionsOf(&mapper);
+  const Option &window = of_mapper.Find("window_size"), &lookahead = of_mapper.Find("lookahead");
+  list.Number("--window-size", &o->window_size, window.min, window.max, "", "Online: " + window.sentence);
+  list.Number("--lookahead", &o->lookahead, lookahead.min, lookahead.max, "", "Online: " + lookahead.sentence);
+  list.Flag("--refine-again", &o->refine_again, "Online: " + of_mapper.Find("refine_again").sentence);
+
+  list.Group("Machine");
+  list.Text("--device", &o->device, "auto: a GPU if there is one").choices = {"auto", "cuda", "cpu"};
+  list.Number("--jobs-per-gpu", &o->jobs_per_gpu, 1, 64, "",
+              "Images under way at once on each GPU: while one is triangulated or written, others are matched");
+  list.Number("--threads", &o->threads, 0, 4096, "", "CPU threads; 0: one per core");
+  list.Number("--memory-limit-gb", &o->memory_limit_gb, 0, 1e6, "",
+              "Memory for images, maps and points that are kept at hand; by default a quarter of this machine's or "
+              "container's");
+
+  list.Group("Output");
+  list.Number("--mesh-voxel-size", &o->mesh_voxel_size, 0, 1e9, "",
+              "Details of the mesh, scene units; 0: 2.5 pixels at the median depth");
+  list.Flag("--dmb", &o->dmb, "Also write depth as .dmb (Gipuma, ACMP)");
+  list.Flag("--colmap", &o->colmap,
+            "Also write OUTPUT/colmap, COLMAP's dense workspace, for colmap stereo_fusion, OpenMVS, trainers of splats "
+            "and\nothers. Its depth maps leave out pixels that no view confirms, those of cost 2");
+  list.Flag("--no-pictures", &o->no_pictures, "No colour pictures of the maps");
+  list.Flag("--overwrite", &o->overwrite, "Start afresh: remove what an earlier run left in OUTPUT");
+  list.Flag("--keep-work", &o->keep_work, "Keep OUTPUT/work at the end");
+  list.Flag("--timings", &o->timings, "Print the time per stage and image");
+  list.Flag("--quiet", &o->quiet, "No progress; only warnings and errors");
+
+  list.Group(kStageGroup);
+  list.Flag("--stages", &o->stages,
+            "Stages that standard input names, each in a line: STAGE IMAGES, as step_0 0-15, or finish. Answers in\n"
+            "a line on standard output: STAGE IMAGES: done, or STAGE IMAGES: exit code N: message. A stage that\n"
+            "fails does not end it. Quicker than a process for each: GPUs start once, images stay at hand");
+  list.Number("--chunk-images", &o->chunk_images, 1, 65534, "",  // a stamp each, and one for earlier chunks
+              "Images of the scene that make a chunk, for --plan");
+  return list;
 }
 
-std::string OnlineHelp(const char* option) {
-  DenseMapperOptions window;
-  return "Online: " + OptionsOf(&window).Find(option).sentence;
+void AddToCommandLine(const Option& option, CLI::App* app) {
+  const OptionValue value = option.get();
+  if (value == OptionValue(false)) {
+    app->add_flag_callback(
+        option.name, [option] { option.set(true); }, option.sentence);
+    return;
+  }
+  app->add_option_function<std::string>(
+         option.name, [option](const std::string& text) { option.set(ParseOption(option, text)); },
+         Concat(option.sentence, " (", DescribeValues(option), ")"))
+      ->type_name("")
+      ->default_str(ToYaml(value));
 }
 
 /// The options that --set takes.
@@ -103,50 +149,33 @@ std::string PipelineHelp() {
   return text;
 }
 
-void AddScheduleOptions(CLI::App* app, ReconstructOptions* options) {
-  app->option_defaults()->group("Schedule");
+void AddInputOptions(CLI::App* app, ReconstructOptions* options) {
+  app->add_option("SCENE", options->scene, "Folder with images and their poses (see below)")->required();
+  app->add_option("OUTPUT", options->output, "Folder for the results (see below)")->required();
+  app->add_option("--image-path", options->image_path, "Folder of the images; by default SCENE/images");
+  app->add_option("--images", options->images, "Use only these images, by index from 0: 0,3,7-12");
   app->add_option(
-         "--schedule", options->schedule,
-         "offline: all images know each other; online: images come one by one in the order of their index and are\n"
-         "matched within a sliding window, as in the ROS nodelet (pair.txt is not used then)")
-      ->check(OneOf({"offline", "online"}))
-      ->capture_default_str();
-  app->add_option("--window-size", options->window_size, OnlineHelp("window_size"))->capture_default_str();
-  app->add_option("--lookahead", options->lookahead, OnlineHelp("lookahead"))->capture_default_str();
-  app->add_option("--refine-again", options->refine_again, OnlineHelp("refine_again"))->capture_default_str();
+      "--masks", options->masks,
+      "Folder of masks, IMAGE_NAME.png as in COLMAP: what is black (moving things, the robot, a sky) is not\n"
+      "matched and gets no depth. Images without one count as a whole");
+  app->add_option(
+      "--prior-depth", options->prior_depth,
+      "Folder of depth maps from outside (a network, another sensor), named as the images with .pfm, .dmb or .png\n"
+      "(16 bit, thousandths), of any size; 0 = unknown. For what no other image confirms; scale and shift are\n"
+      "fitted, or see prior_depth_metric. Images without one go without");
 }
 
-void AddMachineOptions(CLI::App* app, ReconstructOptions* options) {
+void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
+  app->option_defaults()->group("Matching");
+  app->add_option("--set", options->set,
+                  "NAME=VALUE: an option of the pipeline over the preset's, see below; may be given several times");
+  app->add_option("--depth-min", options->depth_min,
+                  "Nearest depth to search, scene units; instead of the dataset's and the landmarks'");
+  app->add_option("--depth-max", options->depth_max, "Farthest depth to search");
+  app->add_option("--seed", options->seed, "Of the random numbers: same seed, same bits")->capture_default_str();
   app->option_defaults()->group("Machine");
-  app->add_option("--device", options->device, "auto (GPU if there is one), cuda or cpu")
-      ->check(OneOf({"auto", "cuda", "cpu"}))
-      ->capture_default_str();
   app->add_option("--cuda-index", options->cuda_index, "Which GPUs, for example 0,1; images are shared out among them")
       ->delimiter(',')
-      ->capture_default_str();
-  app->add_option("--jobs-per-gpu", options->jobs_per_gpu,
-                  "Images under way at once on each GPU: while one is triangulated or written, others are matched")
-      ->capture_default_str();
-  app->add_option("--threads", options->threads, "CPU threads; 0: one per core")->capture_default_str();
-  app->add_option("--memory-limit-gb", options->memory_limit_gb,
-                  "Memory for images, maps and points that are kept at hand; by default a quarter of this machine's or "
-                  "container's")
-      ->capture_default_str();
-}
-
-void AddStageOptions(CLI::App* app, ReconstructOptions* options) {
-  app->option_defaults()->group("Stages, for several machines (scripts/acmp_cluster.py; docs/offline.md)");
-  app->add_option("--plan", options->plan,
-                  "Only plan: OUTPUT gets the plan, this file (JSON) the stages of each chunk and what they wait for");
-  app->add_option("--stage", options->stage,
-                  "Only this stage of a plan, of the images that --images names: all options as they were planned. It\n"
-                  "does what is not done yet, and may run beside others on any machine that sees OUTPUT");
-  app->add_flag(
-      "--stages", options->stages,
-      "Stages that standard input names, each in a line: STAGE IMAGES, as step_0 0-15, or finish. Answers in\n"
-      "a line on standard output: STAGE IMAGES: done, or STAGE IMAGES: exit code N: message. A stage that\n"
-      "fails does not end it. Quicker than a process for each: GPUs start once, images stay at hand");
-  app->add_option("--chunk-images", options->chunk_images, "Images of the scene that make a chunk, for --plan")
       ->capture_default_str();
 }
 
@@ -160,25 +189,18 @@ void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
          },
          "Which maps to write, for example depth,normal; none: only the cloud, in less time and a tenth of the space")
       ->delimiter(',')
-      ->check(OneOf({"depth", "normal", "cost", "confidence", "none"}))
+      ->check(CLI::IsMember(std::vector<std::string>{"depth", "normal", "cost", "confidence", "none"}))
       ->default_str("depth,normal,cost,confidence");
   app->add_option("--tile-size", options->tile_size,
                   "Write the cloud as cubes of this size, scene units, one file each, in place of fused.ply");
   app->add_option("--mesh", options->mesh,
                   "Also write a mesh of all depth maps to this file, .ply or .obj; of a finished run, too");
-  app->add_option("--mesh-voxel-size", options->mesh_voxel_size,
-                  "Details of the mesh, scene units; 0: 2.5 pixels at the median depth")
-      ->capture_default_str();
-  app->add_flag("--dmb", options->dmb, "Also write depth as .dmb (Gipuma, ACMP)");
-  app->add_flag(
-      "--colmap", options->colmap,
-      "Also write OUTPUT/colmap, COLMAP's dense workspace, for colmap stereo_fusion, OpenMVS, trainers of splats and\n"
-      "others. Its depth maps leave out pixels that no view confirms, those of cost 2");
-  app->add_flag("--no-pictures", options->no_pictures, "No colour pictures of the maps");
-  app->add_flag("--overwrite", options->overwrite, "Start afresh: remove what an earlier run left in OUTPUT");
-  app->add_flag("--keep-work", options->keep_work, "Keep OUTPUT/work at the end");
-  app->add_flag("--timings", options->timings, "Print the time per stage and image");
-  app->add_flag("--quiet", options->quiet, "No progress; only warnings and errors");
+  app->option_defaults()->group(kStageGroup);
+  app->add_option("--plan", options->plan,
+                  "Only plan: OUTPUT gets the plan, this file (JSON) the stages of each chunk and what they wait for");
+  app->add_option("--stage", options->stage,
+                  "Only this stage of a plan, of the images that --images names: all options as they were planned. It\n"
+                  "does what is not done yet, and may run beside others on any machine that sees OUTPUT");
 }
 
 void CheckDepthOption(const char* name, const std::optional<double>& value) {
@@ -186,10 +208,6 @@ void CheckDepthOption(const char* name, const std::optional<double>& value) {
   if (value && !(static_cast<float>(*value) > 0 && std::isfinite(static_cast<float>(*value)))) {
     throw InvalidInputError(Concat(name, " = ", *value, ": must be positive and finite"));
   }
-}
-
-void CheckTileSize(const std::optional<double>& value) {
-  if (value) CheckRange("--tile-size", *value, 1e-6, 1e9);
 }
 
 void CheckMaps(const ReconstructOptions& options) {
@@ -206,7 +224,6 @@ void CheckMaps(const ReconstructOptions& options) {
 }
 
 void CheckMesh(const ReconstructOptions& options) {
-  CheckRange("--mesh-voxel-size", options.mesh_voxel_size, 0.0, 1e9);
   if (options.mesh.empty()) return;
   MeshFormatOf(options.mesh);
   const auto whole = [](const std::filesystem::path& path) { return std::filesystem::weakly_canonical(path); };
@@ -218,7 +235,6 @@ void CheckMesh(const ReconstructOptions& options) {
 }
 
 void CheckStages(const ReconstructOptions& options) {
-  CheckRange("--chunk-images", options.chunk_images, 1, 65534);  // a stamp each, and one for earlier chunks
   const bool does_stages = options.stages || !options.stage.empty();
   if (options.plan.empty() && !does_stages) return;
   const char* name = !options.plan.empty() ? "--plan" : options.stages ? "--stages" : "--stage";
@@ -238,43 +254,22 @@ void CheckStages(const ReconstructOptions& options) {
 }  // namespace
 
 void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
-  app->add_option("SCENE", options->scene, "Folder with images and their poses (see below)")->required();
-  app->add_option("OUTPUT", options->output, "Folder for the results (see below)")->required();
-  app->add_option("--format", options->format, "Layout of SCENE")
-      ->check(OneOf({"auto", "colmap", "mvsnet"}))
-      ->capture_default_str();
-  app->add_option(
-         "--pixel-centers", options->pixel_centers,
-         "Of mvsnet: where K has the centre of the first pixel, integer: (0, 0), half: (0.5, 0.5), as K of COLMAP\n"
-         "that was copied (colmap2mvsnet.py)")
-      ->check(OneOf({"integer", "half"}))
-      ->capture_default_str();
-  app->add_option("--image-path", options->image_path, "Folder of the images; by default SCENE/images");
-  app->add_option("--images", options->images, "Use only these images, by index from 0: 0,3,7-12");
-  app->add_option(
-      "--masks", options->masks,
-      "Folder of masks, IMAGE_NAME.png as in COLMAP: what is black (moving things, the robot, a sky) is not\n"
-      "matched and gets no depth. Images without one count as a whole");
-  app->add_option(
-      "--prior-depth", options->prior_depth,
-      "Folder of depth maps from outside (a network, another sensor), named as the images with .pfm, .dmb or .png\n"
-      "(16 bit, thousandths), of any size; 0 = unknown. For what no other image confirms; scale and shift are\n"
-      "fitted, or see prior_depth_metric. Images without one go without");
   const std::string ungrouped = app->option_defaults()->get_group();
+  AddInputOptions(app, options);
+  for (const Option& option : OptionsOf(options)) {
+    app->option_defaults()->group(option.group.empty() ? ungrouped : option.group);
+    AddToCommandLine(option, app);
+  }
   AddMatchingOptions(app, options);
-  AddScheduleOptions(app, options);
-  AddMachineOptions(app, options);
   AddOutputOptions(app, options);
-  AddStageOptions(app, options);
   app->option_defaults()->group(ungrouped);
   app->footer(PipelineHelp() + kFooter);
 }
 
 void Validate(const ReconstructOptions& options) {
-  CheckRange("--max-image-size", options.max_image_size, 0, 65536);
-  CheckRange("--source-views", options.source_views, 1, kMaxSourceViews);
+  ReconstructOptions checked = options;
+  for (const Option& option : OptionsOf(&checked)) CheckOption(option, option.get());
   CheckRange("--min-source-views", options.min_source_views, 0, options.source_views);
-  CheckRange("--threads", options.threads, 0, 4096);
   if (options.cuda_index.empty()) throw InvalidInputError("--cuda-index: must name at least one GPU");
   for (int index : options.cuda_index) {
     CheckRange("--cuda-index", index, 0, 1024);
@@ -283,11 +278,9 @@ void Validate(const ReconstructOptions& options) {
     }
   }
   CheckMaps(options);
-  CheckTileSize(options.tile_size);
+  if (options.tile_size) CheckRange("--tile-size", *options.tile_size, 1e-6, 1e9);
   CheckMesh(options);
   CheckStages(options);
-  CheckRange("--jobs-per-gpu", options.jobs_per_gpu, 1, 64);
-  CheckRange("--memory-limit-gb", options.memory_limit_gb, 0.0, 1e6);
   CheckDepthOption("--depth-min", options.depth_min);
   CheckDepthOption("--depth-max", options.depth_max);
   if (options.depth_min && options.depth_max && *options.depth_min >= *options.depth_max) {

@@ -1,4 +1,4 @@
-#include "run_record.h"
+#include "run.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -123,7 +123,8 @@ RunRecord SettingsRecord(const ReconstructOptions& options) {
 
 RunRecord MakeRecord(const ReconstructOptions& options, const std::string& device, const std::string& input_hash) {
   RunRecord record = SettingsRecord(options);
-  record.insert(record.begin() + 1, {{kInputKey, input_hash}, {kDeviceKey, DeviceModel(device)}});
+  if (!device.empty()) record.insert(record.begin() + 1, {kDeviceKey, DeviceModel(device)});
+  record.insert(record.begin() + 1, {kInputKey, input_hash});
   return record;
 }
 

@@ -27,28 +27,28 @@ EngineProblem InLocalCoordinates(EngineProblem problem, const Eigen::Vector3d& o
 
 }  // namespace
 
-std::set<StepOfImage> StepsToDo(int step, const std::set<int>& wanted,
-                                const std::function<std::filesystem::path(const StepOfImage&)>& file_of,
-                                const std::function<std::vector<int>(int)>& images_read, const Scene& scene,
-                                const StopRequest& interrupt, Progress* progress) {
+std::set<StepOfImage> StepsToDo(const std::filesystem::path& output, const ReconstructPlan& plan, const Scene& scene,
+                                int step, int final_step, const std::set<int>& wanted, const StopRequest& interrupt,
+                                Progress* progress) {
   std::set<StepOfImage> to_do;
   std::set<int> read = wanted;  // of the step's results, by scene index
   for (; step >= 0; --step) {
     const std::vector<int> images(read.begin(), read.end());
+    const auto file_of = [&](size_t i) { return EngineStore::FileOf(output, {step, images[i]}, final_step); };
     std::vector<WorkFileState> files(images.size());
     tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) {
       interrupt.Check();
-      files[i] = CheckWorkFile(file_of({step, images[i]}));
+      files[i] = CheckWorkFile(file_of(i));
     });
     read.clear();
     for (size_t i = 0; i < images.size(); ++i) {
       if (files[i] == WorkFileState::kWhole) continue;
       if (files[i] == WorkFileState::kDamaged) {
-        progress->Warn(Concat("the work file ", file_of({step, images[i]}).string(), " is damaged: its step of image ",
+        progress->Warn(Concat("the work file ", file_of(i).string(), " is damaged: its step of image ",
                               scene.images[static_cast<size_t>(images[i])].name, " is computed again"));
       }
       to_do.insert({step, images[i]});
-      for (int other : images_read(images[i])) read.insert(other);
+      for (int other : plan.ImagesRead(*plan.Find(images[i]))) read.insert(other);
     }
   }
   return to_do;
@@ -72,7 +72,15 @@ void RunTasks::AddSteps(const std::set<StepOfImage>& steps) {
       if (steps.count({step - 1, read}) > 0) waits_for.emplace_back(1 - step, read);
     }
   }
-  for (const auto& [late, index] : InOrder(after)) AddStep({-late, index});
+  for (const auto& [late, index] : InOrder(after)) {
+    const ImagePlan& image = *run_.plan.Find(index);
+    const int device = run_.devices.DeviceOf(index);
+    const auto work = [this, step = -late, &image, device](int thread) {
+      DoStep(step, image, run_.devices.Engine(device, thread),
+             &estimators_.at(static_cast<size_t>(device)).at(static_cast<size_t>(thread)));
+    };
+    steps_[{-late, index}] = graph_.Add(Devices::EnginePool(device), StepsRead(-late - 1, image), work);
+  }
 }
 
 std::set<StepOfImage> RunTasks::AddMissingSteps() {
@@ -80,23 +88,10 @@ std::set<StepOfImage> RunTasks::AddMissingSteps() {
   for (const ImagePlan& image : run_.plan.images) {
     if (image.no_map.empty()) all.insert(image.index);
   }
-  std::set<StepOfImage> steps = StepsToDo(
-      final_step_, all, [&](const StepOfImage& key) { return run_.store.FileOf(key); },
-      [&](int index) { return run_.plan.ImagesRead(*run_.plan.Find(index)); }, run_.scene, run_.interrupt,
-      &run_.progress);
+  std::set<StepOfImage> steps = StepsToDo(run_.store.output(), run_.plan, run_.scene, final_step_, final_step_, all,
+                                          run_.interrupt, &run_.progress);
   AddSteps(steps);
   return steps;
-}
-
-void RunTasks::AddStep(const StepOfImage& key) {
-  const auto [step, index] = key;
-  const ImagePlan& image = *run_.plan.Find(index);
-  const int device = run_.devices.DeviceOf(index);
-  const auto work = [this, step = step, &image, device](int thread) {
-    DoStep(step, image, run_.devices.Engine(device, thread),
-           &estimators_.at(static_cast<size_t>(device)).at(static_cast<size_t>(thread)));
-  };
-  steps_[key] = graph_.Add(Devices::EnginePool(device), StepsRead(step - 1, image), work);
 }
 
 std::vector<int> RunTasks::StepsRead(int step, const ImagePlan& image) const {
@@ -137,19 +132,17 @@ int RunTasks::AddConfidence(const ImagePlan& image, std::function<void(Confidenc
   run_.store.AddReaders(image, final_step_, 1);
   const int device = run_.devices.DeviceOf(image.index);
   const auto measure = [this, &image, device, take = std::move(take)](int thread) {
-    take(MeasureConfidence(image, run_.devices.Engine(device, thread)));
+    const DeviceEngine engine = run_.devices.Engine(device, thread);
+    const EngineProblem problem = run_.store.Problem(image, final_step_, engine);
+    Timer timer;
+    ConfidenceMap confidence =
+        engine.engine->MeasureConfidence(problem.reference, problem.sources, run_.pipeline.fusion);
+    run_.interrupt.Check();
+    run_.store.HasRead(image, final_step_);
+    run_.Count(&RunTimes::consistency_ms, timer.Lap());
+    take(std::move(confidence));
   };
   return graph_.Add(Devices::EnginePool(device), FinalStepsRead(image), measure, true);
-}
-
-ConfidenceMap RunTasks::MeasureConfidence(const ImagePlan& image, const DeviceEngine& engine) {
-  const EngineProblem problem = run_.store.Problem(image, final_step_, engine);
-  Timer timer;
-  ConfidenceMap confidence = engine.engine->MeasureConfidence(problem.reference, problem.sources, run_.pipeline.fusion);
-  run_.interrupt.Check();
-  run_.store.HasRead(image, final_step_);
-  run_.Count(&RunTimes::consistency_ms, timer.Lap());
-  return confidence;
 }
 
 FusionStamps* RunTasks::stamps() {
@@ -167,12 +160,14 @@ int RunTasks::AddFusion(const ImagePlan& image, std::function<void(PointCloud)> 
   }
   const int device = run_.devices.DeviceOf(image.index);
   stamps();
-  const auto fuse = [this, &image, device, rank = views_++, take = std::move(take)](int) {
-    take(Fuse(image, rank, run_.devices.FusionEngine(device)));
+  const auto points = std::make_shared<PointCloud>();
+  const auto fuse = [this, &image, device, rank = views_++, points](int) {
+    *points = Fuse(image, rank, run_.devices.FusionEngine(device));
   };
-  const int task = graph_.Add(run_.devices.FusionPool(device), after, fuse);
-  for (int frame : frames) last_fused_[frame] = task;
-  return task;
+  const int fused = graph_.Add(run_.devices.FusionPool(device), after, fuse);
+  for (int frame : frames) last_fused_[frame] = fused;
+  return AddFileTask(
+      {fused}, [points, take = std::move(take)] { take(std::move(*points)); }, true);
 }
 
 PointCloud RunTasks::Fuse(const ImagePlan& image, int rank, const DeviceEngine& engine) {

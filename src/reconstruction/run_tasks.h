@@ -17,13 +17,12 @@ using StepOfImage = EngineStore::Key;
 
 /// Steps of images whose work files are missing or damaged though they are wanted or read by others that are to do. A
 /// warning names damaged ones.
+/// @param output has the work files
+/// @param step of the schedule with this last step; -1: none
 /// @param wanted images, by scene index, whose estimates after the step are wanted
-/// @param file_of where an estimate is if it is in a file
-/// @param images_read of an image: those whose estimates of the step before its refinement reads
-std::set<StepOfImage> StepsToDo(int step, const std::set<int>& wanted,
-                                const std::function<std::filesystem::path(const StepOfImage&)>& file_of,
-                                const std::function<std::vector<int>(int)>& images_read, const Scene& scene,
-                                const StopRequest& interrupt, Progress* progress);
+std::set<StepOfImage> StepsToDo(const std::filesystem::path& output, const ReconstructPlan& plan, const Scene& scene,
+                                int step, int final_step, const std::set<int>& wanted, const StopRequest& interrupt,
+                                Progress* progress);
 
 /// What a run computes, as tasks of one graph: a step of an image, its confidence, its points. Each waits for just what
 /// it reads of the others; what no task makes is in the store. Each is done on the image's device, and each engine
@@ -48,8 +47,8 @@ class RunTasks {
   /// Adds the fusion of the next view. It reads and writes the stamps of its frames: for each it waits for the view
   /// that did so last, and with that for all before. So it finds the stamps that it would find if the views were fused
   /// one after the other. Points are in coordinates that begin at the plan's origin. Throws InvalidInputError when
-  /// there are more images than a fusion can tell apart.
-  /// @param take gets the points in the task's thread
+  /// there are more images than a fusion can tell apart. Returns the number of the task that hands out the points.
+  /// @param take gets them in a thread that writes files
   int AddFusion(const ImagePlan& image, std::function<void(PointCloud)> take);
   /// Before the first AddFusion: these pixels of a frame have gone into points of earlier views (DepthEngine).
   void SetFusedPixels(const Frame& frame, const Image<unsigned char>& used);
@@ -64,9 +63,7 @@ class RunTasks {
 
  private:
   std::vector<int> StepsRead(int step, const ImagePlan& image) const;
-  void AddStep(const StepOfImage& key);
   void DoStep(int step, const ImagePlan& image, const DeviceEngine& engine, DepthEstimator* estimator);
-  ConfidenceMap MeasureConfidence(const ImagePlan& image, const DeviceEngine& engine);
   PointCloud Fuse(const ImagePlan& image, int rank, const DeviceEngine& engine);
   FusionStamps* stamps();
 

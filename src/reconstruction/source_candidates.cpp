@@ -2,15 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <utility>
 
 #include "acmp_mapping/keyframe/source_view_selection.h"
 
 namespace acmp {
 namespace {
-
-Eigen::Vector3d CandidateCentre(const SceneImage& image) { return image.cam_from_world.inverse().translation(); }
 
 PosedCamera CameraOf(const SceneImage& image) { return {image.camera, image.cam_from_world}; }
 
@@ -29,47 +26,21 @@ double LongestRay(const PinholeCamera& camera) {
 
 SourceCandidates::SourceCandidates(const Scene& scene, std::vector<int> indices)
     : scene_(scene), indices_(std::move(indices)) {
-  Eigen::AlignedBox3d box;
   for (int index : indices_) {
     const SceneImage& image = scene_.images[static_cast<size_t>(index)];
-    box.extend(CandidateCentre(image));
+    centres_.push_back(image.cam_from_world.inverse().translation());
     most_focal_length_ = std::max(most_focal_length_, FocalLength(image.camera));
     least_cosine_ = std::min(least_cosine_, 1 / LongestRay(image.camera));
   }
-  // Some ten images a cell where they stand along a line, fewer where they are spread over an area.
-  constexpr double kImagesPerCell = 10;
-  extent_ = box.isEmpty() ? 0 : box.sizes().sum();
-  if (extent_ > 0)
-    cell_size_ = box.sizes().maxCoeff() * std::min(1.0, kImagesPerCell / static_cast<double>(indices_.size()));
-  for (int index : indices_)
-    cells_[CellOf(CandidateCentre(scene_.images[static_cast<size_t>(index)]))].push_back(index);
-}
-
-SourceCandidates::Cell SourceCandidates::CellOf(const Eigen::Vector3d& point) const {
-  Cell cell;
-  for (int axis = 0; axis < 3; ++axis) cell[axis] = static_cast<int64_t>(std::floor(point[axis] / cell_size_));
-  return cell;
 }
 
 std::vector<int> SourceCandidates::Around(int index, double distance) const {
+  const Eigen::Vector3d centre = scene_.images[static_cast<size_t>(index)].cam_from_world.inverse().translation();
   std::vector<int> around;
-  if (!(distance < extent_)) {
-    std::remove_copy(indices_.begin(), indices_.end(), std::back_inserter(around), index);
-    return around;
+  for (size_t i = 0; i < indices_.size(); ++i) {
+    if (indices_[i] == index) continue;
+    if ((centres_[i] - centre).squaredNorm() <= distance * distance) around.push_back(indices_[i]);
   }
-  const Eigen::Vector3d centre = CandidateCentre(scene_.images[static_cast<size_t>(index)]);
-  const Cell first = CellOf(centre - Eigen::Vector3d::Constant(distance));
-  const Cell last = CellOf(centre + Eigen::Vector3d::Constant(distance));
-  const auto add = [&](const std::vector<int>& images) { around.insert(around.end(), images.begin(), images.end()); };
-  for (int64_t x = first[0]; x <= last[0]; ++x) {
-    // Cells of one x lie side by side in the map.
-    for (auto cell = cells_.lower_bound({x, first[1], first[2]}); cell != cells_.end() && cell->first[0] == x; ++cell) {
-      if (cell->first[1] > last[1]) break;
-      if (cell->first[2] >= first[2] && cell->first[2] <= last[2]) add(cell->second);
-    }
-  }
-  around.erase(std::remove(around.begin(), around.end(), index), around.end());
-  std::sort(around.begin(), around.end());
   return around;
 }
 

@@ -7,9 +7,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/output_file.h"
-#include "acmp_mapping/pipeline/schedule.h"
-#include "input_hash.h"
-#include "run_record.h"
+#include "acmp_mapping/pipeline/presets.h"
+#include "plan.h"
+#include "run.h"
 #include "stages.h"
 #include "task_graph.h"
 #include "work_files.h"
@@ -60,16 +60,18 @@ SceneImage ImageOf(const Json& json, const std::filesystem::path& root) {
 }
 
 /// The content of the plan's file.
-std::string FormatPlan(const Scene& scene, const ReconstructPlan& plan, const std::filesystem::path& root) {
+/// @param files HashOfFiles of each image of the plan
+std::string FormatPlan(const Scene& scene, const ReconstructPlan& plan, const std::vector<uint64_t>& files,
+                       const std::filesystem::path& root) {
   Json json = {{"origin", {plan.origin.x(), plan.origin.y(), plan.origin.z()}}, {"images", Json::array()}};
-  for (const ImagePlan& planned : plan.images) {
-    const SceneImage& image = scene.images[static_cast<size_t>(planned.index)];
-    Json view = ToJson(image, root);
+  for (size_t i = 0; i < plan.images.size(); ++i) {
+    const ImagePlan& planned = plan.images[i];
+    Json view = ToJson(scene.images[static_cast<size_t>(planned.index)], root);
     view.update({{"index", planned.index},
                  {"range", {planned.range.min, planned.range.max}},
                  {"sources", planned.sources},
                  {"no_map", planned.no_map},
-                 {"geometry", HashOfGeometry(scene, image)}});
+                 {"files", files[i]}});
     json["images"].push_back(std::move(view));
   }
   return json.dump();
@@ -110,28 +112,11 @@ Json ListOfTasks(const std::map<int, Chunk>& chunks, const ReconstructOptions& o
   return list;
 }
 
-/// Whether a finished run with these settings and this input is there. Reads the images' files.
-bool IsComplete(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options) {
+/// Whether a finished run with these settings and this input is there.
+bool IsComplete(const ReconstructOptions& options, const RunRecord& record) {
   if (options.overwrite || !OutputFolder::Exists(options.output)) return false;
-  const OutputFolder folder(options.output, {}, false, OutputFolder::Use::kStages);
-  if (folder.state() != OutputFolder::State::kComplete || folder.Setting(kChunkImagesKey) != "(none)") return false;
-  for (const auto& [key, value] : SettingsRecord(options)) {
-    if (folder.Setting(key) != value) return false;
-  }
-  std::vector<ImageHashes> hashes;
-  for (const ImagePlan& image : plan.images) hashes.push_back(HashesOf(scene, image.index));
-  return folder.Setting(kInputKey) == InputHash(hashes);
-}
-
-/// Makes the output folder one of this plan.
-void WritePlan(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options) {
-  const std::string content = FormatPlan(scene, plan, options.scene);
-  Hash hash;
-  hash.Add(content);
-  RunRecord record = MakeRecord(options, "that of the first stage", Concat("that of plan ", HexDigits(hash.value())));
-  record.emplace_back(kChunkImagesKey, Concat(options.chunk_images));
-  const OutputFolder folder(options.output, record, options.overwrite, OutputFolder::Use::kStages);
-  if (ReadWorkFile(PlanFile(options.output)) != content) WriteWorkFile(PlanFile(options.output), content);
+  const OutputFolder folder(options.output, record, false, OutputFolder::Use::kStages);
+  return folder.state() == OutputFolder::State::kComplete && folder.Setting(kChunkImagesKey) == "(none)";
 }
 
 }  // namespace
@@ -145,13 +130,20 @@ std::vector<std::string> StagesOfChunk(const ReconstructOptions& options) {
   return stages;
 }
 
-void PlanStages(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options, Progress* progress,
-                std::ostream* out) {
+void PlanStages(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options,
+                const StopRequest& interrupt, FrameStore* frames, Progress* progress, std::ostream* out) {
   ReportImagesWithoutMap(plan, scene, progress);
-  const bool complete = IsComplete(scene, plan, options);
+  const std::vector<uint64_t> files = HashFiles(scene, plan.Indices(), interrupt, [&](int index) {
+    if (!plan.HasMap(index)) frames->Get(index);
+  });
+  RunRecord record = MakeRecord(options, "", InputHash(scene, plan.Indices(), files));
+  const bool complete = IsComplete(options, record);
   Json tasks = Json::array();
   if (!complete) {
-    WritePlan(scene, plan, options);
+    record.emplace_back(kChunkImagesKey, Concat(options.chunk_images));
+    const OutputFolder folder(options.output, record, options.overwrite, OutputFolder::Use::kStages);
+    const std::string content = FormatPlan(scene, plan, files, options.scene);
+    if (ReadWorkFile(PlanFile(options.output)) != content) WriteWorkFile(PlanFile(options.output), content);
     tasks = ListOfTasks(CutIntoChunks(plan, options.chunk_images), options);
   }
   const size_t count = tasks.size();
@@ -185,24 +177,24 @@ std::map<int, Chunk> CutIntoChunks(const ReconstructPlan& plan, int chunk_images
 }
 
 PlannedScene::PlannedScene(const ReconstructOptions& options)
-    : frames_(scene_, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare), FrameStore::Changes::kRead) {
+    : frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare)) {
   const std::optional<std::string> content = ReadWorkFile(PlanFile(options.output));
   if (!content) throw InvalidInputError(Concat(options.output.string(), ": has no plan: give --plan first"));
   const Json json = Json::parse(*content);
   const std::vector<double> origin = json.at("origin").get<std::vector<double>>();
-  std::copy_n(origin.begin(), 3, plan_.origin.data());
+  std::copy_n(origin.begin(), 3, plan.origin.data());
   for (const Json& view : json.at("images")) {
     const Json& range = view.at("range");
-    plan_.images.push_back({view.at("index").get<int>(),
-                            {range.at(0).get<float>(), range.at(1).get<float>()},
-                            view.at("sources").get<std::vector<int>>(),
-                            view.at("no_map").get<std::string>()});
-    const int index = plan_.images.back().index;
-    scene_.images.resize(static_cast<size_t>(index) + 1);
-    scene_.images.back() = ImageOf(view, options.scene);
-    geometry_[index] = view.at("geometry").get<uint64_t>();
+    plan.images.push_back({view.at("index").get<int>(),
+                           {range.at(0).get<float>(), range.at(1).get<float>()},
+                           view.at("sources").get<std::vector<int>>(),
+                           view.at("no_map").get<std::string>()});
+    const int index = plan.images.back().index;
+    scene.images.resize(static_cast<size_t>(index) + 1);
+    scene.images.back() = ImageOf(view, options.scene);
+    files[index] = view.at("files").get<uint64_t>();
   }
-  chunks_ = CutIntoChunks(plan_, options.chunk_images);
+  chunks = CutIntoChunks(plan, options.chunk_images);
 }
 
 }  // namespace acmp

@@ -33,13 +33,13 @@ constexpr const char* kChunkImagesKey = "chunk-images";
 /// {"complete": a finished run with the same settings and input is there, and nothing is to do,
 ///  "tasks": [{"stage": ..., "images": for --images, "after": numbers of the tasks that it waits for, from 0}, ...]},
 /// in an order in which one process would do them. Throws InvalidInputError when the folder belongs to another plan.
-void PlanStages(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options, Progress* progress,
-                std::ostream* out);
+/// @param frames gets the images without a map, which no stage may read: a damaged one is found now
+void PlanStages(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options,
+                const StopRequest& interrupt, FrameStore* frames, Progress* progress, std::ostream* out);
 
 /// Does options.stage for options.images, as far as it is not done. What it reads of other chunks and does not find, or
 /// finds damaged, it makes itself. Throws as Reconstruct does.
-void DoStage(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
-             std::ostream* out, std::ostream* log, bool log_is_terminal);
+void DoStage(const ReconstructOptions& options, const RunContext& context);
 
 /// Images of successive scene indices, and what is made of others for them.
 struct Chunk {
@@ -51,26 +51,19 @@ struct Chunk {
 /// @return by number: image / chunk_images. They refer to the plan
 std::map<int, Chunk> CutIntoChunks(const ReconstructPlan& plan, int chunk_images);
 
-/// The plan in an output folder, and its images, which keep their indices.
-class PlannedScene {
- public:
+/// The plan in an output folder, and its images, which keep their indices. Stays where it is made.
+struct PlannedScene {
   /// Reads it. Throws InvalidInputError where there is none.
   /// @param options name the folder, the scene, which may lie elsewhere than it did, and the length of the chunks
   explicit PlannedScene(const ReconstructOptions& options);
 
-  /// Without landmarks and ranking, which only the plan is made of.
-  Scene& scene() { return scene_; }
-  ReconstructPlan& plan() { return plan_; }
-  FrameStore& frames() { return frames_; }
-  const std::map<int, Chunk>& chunks() const { return chunks_; }
-  uint64_t GeometryOf(int index) const { return geometry_.at(index); }  ///< HashOfGeometry
+  std::string NameOf(int index) const { return scene.images[static_cast<size_t>(index)].name; }
 
- private:
-  Scene scene_;
-  ReconstructPlan plan_;
-  std::map<int, Chunk> chunks_;
-  std::map<int, uint64_t> geometry_;  ///< by scene index
-  FrameStore frames_;
+  Scene scene;  ///< without landmarks and ranking, which only the plan is made of
+  ReconstructPlan plan;
+  std::map<int, Chunk> chunks;
+  std::map<int, uint64_t> files;  ///< HashOfFiles when it was planned, by scene index
+  FrameStore frames;
 };
 
 }  // namespace acmp

@@ -5,7 +5,7 @@
 #include <set>
 #include <vector>
 
-#include "acmp_mapping/reconstruction/stop_request.h"
+#include "acmp_mapping/common/stop_request.h"
 
 namespace acmp {
 

@@ -20,7 +20,7 @@ static_assert(std::is_trivially_copyable_v<SurfacePoint>, "files have points as 
 constexpr size_t kReadAtOnce = size_t{1} << 18;
 
 struct WorkHeader {
-  uint32_t magic = 0x354b5257;  // "WRK5"
+  uint32_t magic = 0x364b5257;  // "WRK6"
   uint32_t checksum = 0;        ///< of the content
   uint64_t bytes = 0;           ///< of the content
 };
@@ -90,45 +90,34 @@ std::optional<Elements> ReadContent(const std::filesystem::path& path) {
 struct MapsHeader {
   int32_t width = 0;   ///< px
   int32_t height = 0;  ///< px
-  int32_t has_confidence = 0;
 };
 
-template <class... Pixels>
-void WriteMaps(const std::filesystem::path& path, const MapsHeader& header, const Image<Pixels>&... maps) {
-  WritePieces(path, {{&header, sizeof(header)}, {maps.data(), maps.size() * sizeof(Pixels)}...});
+/// Empty ones are left out.
+template <class First, class... Pixels>
+void WriteMaps(const std::filesystem::path& path, const Image<First>& first, const Image<Pixels>&... maps) {
+  const MapsHeader header = {first.width(), first.height()};
+  WritePieces(path, {{&header, sizeof(header)},
+                     {first.data(), first.size() * sizeof(First)},
+                     {maps.data(), maps.size() * sizeof(Pixels)}...});
 }
 
-/// Reads maps one after the other.
-class MapReader {
- public:
-  explicit MapReader(const std::filesystem::path& path) : path_(path), reader_(path) {
-    reader_.Read(&header_, sizeof(header_));
-  }
-
-  const MapsHeader& header() const { return header_; }
-
-  template <class T>
-  void Read(Image<T>* map) {
-    const int64_t pixels = int64_t{header_.width} * header_.height;
-    if (header_.width < 0 || pixels < 0 || static_cast<uint64_t>(pixels) > reader_.left() / sizeof(T)) FailDamaged();
-    *map = Image<T>(header_.width, header_.height);
-    reader_.Read(map->data(), map->size() * sizeof(T));
-  }
-
-  /// After the last map: throws unless all of them are what was written.
-  void Finish() const {
-    if (!reader_.IsWhole()) FailDamaged();
-  }
-  [[noreturn]] void FailDamaged() const {
-    throw ProcessingError(
-        Concat("the work file ", path_.string(), " is damaged: the same command again makes it anew"));
-  }
-
- private:
-  const std::filesystem::path path_;
-  MapsHeader header_;
-  WorkFileReader reader_;
-};
+/// Those at the end that the file does not have stay empty.
+template <class... Pixels>
+void ReadMaps(const std::filesystem::path& path, Image<Pixels>*... maps) {
+  WorkFileReader reader(path);
+  MapsHeader header;
+  reader.Read(&header, sizeof(header));
+  const auto pixels = static_cast<uint64_t>(int64_t{header.width} * header.height);
+  const auto read = [&](auto* map) {
+    using Pixel = std::remove_pointer_t<decltype(map->data())>;
+    if (header.width <= 0 || header.height <= 0 || reader.left() == 0 || pixels > reader.left() / sizeof(Pixel)) return;
+    *map = Image<Pixel>(header.width, header.height);
+    reader.Read(map->data(), map->size() * sizeof(Pixel));
+  };
+  (read(maps), ...);
+  if (reader.IsWhole()) return;
+  throw ProcessingError(Concat("the work file ", path.string(), " is damaged: the same command again makes it anew"));
+}
 
 }  // namespace
 
@@ -149,33 +138,22 @@ void WriteWorkFile(const std::filesystem::path& path, const std::string& content
 std::optional<std::string> ReadWorkFile(const std::filesystem::path& path) { return ReadContent<std::string>(path); }
 
 void WriteEstimate(const std::filesystem::path& path, const EstimateState& estimate) {
-  WriteMaps(path, {estimate.planes.width(), estimate.planes.height(), 0}, estimate.planes, estimate.cost);
+  WriteMaps(path, estimate.planes, estimate.cost);
 }
 
-EstimateState ReadEstimate(const std::filesystem::path& path, int width, int height) {
-  MapReader reader(path);
-  if (reader.header().width != width || reader.header().height != height) reader.FailDamaged();
+EstimateState ReadEstimate(const std::filesystem::path& path) {
   EstimateState estimate;
-  reader.Read(&estimate.planes);
-  reader.Read(&estimate.cost);
-  reader.Finish();
+  ReadMaps(path, &estimate.planes, &estimate.cost);
   return estimate;
 }
 
 void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps) {
-  const MapsHeader header = {maps.depth.width(), maps.depth.height(), maps.confidence.empty() ? 0 : 1};
-  WriteMaps(path, header, maps.depth, maps.normal, maps.cost, maps.color, maps.confidence);
+  WriteMaps(path, maps.depth, maps.normal, maps.cost, maps.confidence);
 }
 
 FinalMaps ReadFinalMaps(const std::filesystem::path& path) {
-  MapReader reader(path);
   FinalMaps maps;
-  reader.Read(&maps.depth);
-  reader.Read(&maps.normal);
-  reader.Read(&maps.cost);
-  reader.Read(&maps.color);
-  if (reader.header().has_confidence) reader.Read(&maps.confidence);
-  reader.Finish();
+  ReadMaps(path, &maps.depth, &maps.normal, &maps.cost, &maps.confidence);
   return maps;
 }
 

@@ -28,8 +28,8 @@ std::optional<std::string> ReadWorkFile(const std::filesystem::path& path);
 
 /// Intermediate result of one image.
 void WriteEstimate(const std::filesystem::path& path, const EstimateState& estimate);
-/// Throws ProcessingError when the file is damaged or has another size.
-EstimateState ReadEstimate(const std::filesystem::path& path, int width, int height);
+/// Throws ProcessingError when the file is damaged.
+EstimateState ReadEstimate(const std::filesystem::path& path);
 
 /// Final maps of one image, for fusion and output.
 struct FinalMaps {
@@ -37,7 +37,6 @@ struct FinalMaps {
   NormalMap normal;
   CostMap cost;
   ConfidenceMap confidence;  ///< empty: measured later against the source views' maps
-  ColorImage color;
 };
 void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps);
 /// Throws ProcessingError when the file is damaged.

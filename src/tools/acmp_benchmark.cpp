@@ -1,7 +1,8 @@
-// Time per stage of Algorithm 1 on synthetic images of given sizes, and its ratio to the texture floor.
+// Time per stage of Algorithm 1 on synthetic images of given sizes, or of a stream through the online mapper.
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <iomanip>
 #include <iostream>
 
 #include "acmp_mapping/backend/make_depth_engine.h"
@@ -9,9 +10,6 @@
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "benchmark_stages.h"
 #include "tool_main.h"
-#ifdef ACMP_HAVE_CUDA
-#include "acmp_mapping/backend/texture_rate.h"
-#endif
 
 namespace acmp {
 namespace {
@@ -43,66 +41,113 @@ ImageSize ParseSize(const std::string& text) {
   return size;
 }
 
+std::string Name(const ImageSize& size) { return Concat(size.width, "x", size.height); }
+
+void PrintStages(const StageFigures& row) {
+  const StageMs& ms = row.median;
+  const double pixels = static_cast<double>(row.size.width) * row.size.height;
+  std::cout << std::setw(10) << Name(row.size) << std::setw(4) << row.source_views << std::setw(13) << ms.photometric
+            << std::setw(14) << ms.planar_prior << std::setw(18) << ms.geometric << std::setw(9)
+            << ms.photometric + ms.planar_prior + ms.geometric << std::setw(15) << ms.triangulation << std::setw(10)
+            << ms.load << std::setw(10) << ms.download << std::setw(13) << ms.consistency << std::setw(10) << ms.fast
+            << std::setw(10) << ms.whole << std::setw(7) << std::setprecision(0)
+            << static_cast<double>(row.device_bytes) / pixels << std::setprecision(2) << std::endl;
+}
+
+void PrintStream(const StreamFigures& row) {
+  const auto megabytes = [](size_t bytes) { return static_cast<double>(bytes) * 1e-6; };
+  std::cout << std::setw(10) << Name(row.size) << std::setw(4) << row.source_views << std::setw(11) << row.keyframes
+            << std::setw(15) << row.fast_median << std::setw(6) << row.fast_99 << std::setw(18) << row.refined_median
+            << std::setw(6) << row.refined_99 << std::setw(9) << row.device_median << std::setw(14)
+            << row.keyframes_per_s << std::setprecision(1) << std::setw(18) << megabytes(row.device_bytes_begin)
+            << std::setw(7) << megabytes(row.device_bytes_end) << std::setw(17) << megabytes(row.host_bytes_begin)
+            << std::setw(7) << megabytes(row.host_bytes_end) << std::setprecision(2) << std::endl;
+}
+
+void PrintExpected(const std::vector<ExpectedRates>& expected) {
+  const StreamFigures& first = expected.front().measured;
+  std::cout << "keyframes per second that the online mapper keeps up with, " << first.source_views
+            << " source views, 4:3 images\n"
+            << "  measured: at " << Name(first.size) << ", " << first.keyframes
+            << " keyframes with exact poses; what refine_poses takes is not in it\n"
+            << "  computed: all other sizes, as the time grows with the number of pixels (within a fifth)\n"
+            << std::left << std::setw(18) << "preset" << std::right << std::setw(18) << Name(first.size) + " measured";
+  for (const auto& [size, rate] : expected.front().computed_rates) std::cout << std::setw(10) << Name(size);
+  std::cout << "\n" << std::setprecision(3) << std::defaultfloat;
+  for (const ExpectedRates& row : expected) {
+    std::cout << std::left << std::setw(18) << row.preset << std::right << std::setw(18)
+              << row.measured.keyframes_per_s;
+    for (const auto& [size, rate] : row.computed_rates) std::cout << std::setw(10) << rate;
+    std::cout << "\n";
+  }
+}
+
+/// Of the stream, which must be as long as its window for so many source views.
+DenseMapperOptions StreamOptions(const BenchmarkArguments& arguments, int source_views) {
+  DenseMapperOptions stream = arguments.stream;
+  CheckRange("--window-size", stream.window_size, source_views + 1, kMaxWindowSize);
+  stream.source_views.max_source_views = source_views;
+  stream.min_source_views = std::min(2, source_views);
+  return stream;
+}
+
+/// Each size with each number of source views.
+void MeasureSizes(const BenchmarkArguments& arguments, DepthEngine* engine) {
+  PipelineOptions options = MakePreset(arguments.preset);
+  for (const std::string& assignment : arguments.set) OptionsOf(&options).Set(assignment);
+  Validate(options);
+  if (arguments.keyframes > 0) {
+    std::cout << "online mapper, preset " << arguments.preset << ", ms\n"
+              << "      size   V  keyframes   fast: median  99 %   refined: median  99 %   device   keyframes/s   "
+                 "MB device: begin  end   MB host: begin  end\n";
+  } else {
+    std::cout << "medians of " << arguments.repetitions << " runs after one warm-up, ms per image, preset "
+              << arguments.preset << "\n"
+              << "      size   V  photometric  planar prior  geometric passes  kernels  triangulation      load  "
+                 "download  consistency      fast     whole   B/px\n";
+  }
+  for (const std::string& text : arguments.sizes) {
+    const ImageSize size = ParseSize(text);
+    for (int source_views : arguments.source_views) {
+      if (arguments.keyframes == 0) {
+        PrintStages(MeasureStages(engine, options, size, source_views, arguments.repetitions));
+        continue;
+      }
+      DenseMapperOptions stream = StreamOptions(arguments, source_views);
+      stream.pipeline = options;
+      PrintStream(MeasureStream(engine, stream, size, arguments.keyframes));
+    }
+  }
+}
+
 void RunBenchmark(const BenchmarkArguments& arguments) {
-  DepthEngineBackend backend =
+  for (int source_views : arguments.source_views) CheckRange("--source-views", source_views, 1, kMaxSourceViews);
+  const DepthEngineBackend backend =
       MakeDepthEngine(ParseDevice(arguments.device), arguments.cuda_index, arguments.multiprocessors);
-  const bool is_gpu = backend.engine->device_name().find("cuda") != std::string::npos;
+  DepthEngine* engine = backend.engine.get();
+  const bool is_gpu = engine->FreeDeviceBytes() > 0;
   if (arguments.multiprocessors > 0 && !is_gpu) {
     throw InvalidInputError(Concat("--sms ", arguments.multiprocessors, ": the CPU has no multiprocessors",
                                    backend.fallback_reason.empty() ? "" : "; ", backend.fallback_reason));
   }
-  BenchmarkReport report;
-  report.device = backend.engine->device_name();
-  report.preset = arguments.preset;
-  report.repetitions = arguments.repetitions;
-  std::cout << "device " << report.device;
+  std::cout << "device " << engine->device_name();
   if (!backend.fallback_reason.empty()) std::cout << ", since " << backend.fallback_reason;
-  std::cout << std::endl;
-#ifdef ACMP_HAVE_CUDA
-  if (is_gpu) {
-    report.fetches_per_s = MeasureTextureRate(arguments.cuda_index, arguments.multiprocessors);
-  }
-#endif
-  const auto stream_options = [&](int source_views) {
-    DenseMapperOptions stream = arguments.stream;
-    CheckRange("--window-size", stream.window_size, source_views + 1, kMaxWindowSize);
-    stream.source_views.max_source_views = source_views;
-    stream.min_source_views = std::min(2, source_views);
-    return stream;
-  };
+  std::cout << std::endl << std::fixed << std::setprecision(2);
+  const int source_views = arguments.source_views.front();
   if (arguments.expect) {
-    const int source_views = arguments.source_views.front();
-    CheckRange("--source-views", source_views, 1, kMaxSourceViews);
     // Small enough for a short run, and large enough for its pixels to be what takes the time.
     const ImageSize size = is_gpu ? ImageSize{640, 480} : ImageSize{64, 48};
     const int keyframes = is_gpu ? 100 : 2 * source_views;
-    report.expected = MeasureExpectedRates(backend.engine.get(), stream_options(source_views), size, keyframes);
-  }
-  if (arguments.auto_interval_s > 0) {
-    const int source_views = arguments.source_views.front();
-    CheckRange("--source-views", source_views, 1, kMaxSourceViews);
-    report.auto_choices = MeasureAutoPreset(backend.engine.get(), stream_options(source_views),
-                                            ParseSize(arguments.sizes.front()), arguments.auto_interval_s);
-  }
-  PipelineOptions options = MakePreset(arguments.preset);
-  for (const std::string& assignment : arguments.set) OptionsOf(&options).Set(assignment);
-  Validate(options);
-  for (const std::string& text :
-       arguments.expect || arguments.auto_interval_s > 0 ? std::vector<std::string>() : arguments.sizes) {
-    const ImageSize size = ParseSize(text);
-    for (int source_views : arguments.source_views) {
-      CheckRange("--source-views", source_views, 1, kMaxSourceViews);
-      if (arguments.keyframes > 0) {
-        DenseMapperOptions stream = stream_options(source_views);
-        stream.pipeline = options;
-        report.streams.push_back(MeasureStream(backend.engine.get(), stream, size, arguments.keyframes));
-      } else {
-        report.stages.push_back(
-            MeasureStages(backend.engine.get(), options, size, source_views, arguments.repetitions));
-      }
+    PrintExpected(MeasureExpectedRates(engine, StreamOptions(arguments, source_views), size, keyframes));
+  } else if (arguments.auto_interval_s > 0) {
+    const ImageSize size = ParseSize(arguments.sizes.front());
+    for (const std::string& choice :
+         MeasureAutoPreset(engine, StreamOptions(arguments, source_views), size, arguments.auto_interval_s)) {
+      std::cout << choice << "\n";
     }
+  } else {
+    MeasureSizes(arguments, engine);
   }
-  PrintReport(report, &std::cout);
 }
 
 }  // namespace
@@ -112,10 +157,9 @@ void RunBenchmark(const BenchmarkArguments& arguments) {
 int main(int argc, char** argv) {
   acmp::BenchmarkArguments arguments;
   CLI::App app(
-      "Measures milliseconds per image of each stage on synthetic images, and on a GPU the ratio to the floor: one "
-      "texture fetch per sample of the full schedule, at the fetch rate measured on the same GPU. With --keyframes it "
-      "feeds a stream of keyframes to the online mapper instead and reports latency, rate and memory. With --expect it "
-      "says how many keyframes per second each preset keeps up with at which size.\n"
+      "Measures milliseconds per image of each stage on synthetic images. With --keyframes it feeds a stream of "
+      "keyframes to the online mapper instead and reports latency, rate and memory. With --expect it says how many "
+      "keyframes per second each preset keeps up with at which size.\n"
       "Example: acmp_benchmark --sizes 640x480,3072x2048 --source-views 6,10",
       "acmp_benchmark");
   app.add_option("--sizes", arguments.sizes, "Image sizes, WIDTHxHEIGHT")->delimiter(',')->capture_default_str();

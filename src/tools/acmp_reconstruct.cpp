@@ -6,16 +6,57 @@
 #include <unistd.h>
 
 #include <array>
+#include <atomic>
 #include <iostream>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <thread>
 #include <utility>
 
+#include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/reconstruction/reconstruct.h"
-#include "acmp_mapping/reconstruction/stop_request.h"
 #include "tool_main.h"
 
 namespace {
+
+/// SIGINT, SIGTERM and SIGHUP request the stop. A second signal ends the process at once. Make it before any other
+/// thread starts: they inherit the blocked signals.
+class InterruptWatcher : public acmp::StopRequest {
+ public:
+  InterruptWatcher() {
+    sigemptyset(&signals_);
+    for (int signal : {SIGINT, SIGTERM, SIGHUP}) sigaddset(&signals_, signal);
+    pthread_sigmask(SIG_BLOCK, &signals_, &previous_signals_);
+    watcher_ = std::thread([this] { Watch(); });
+  }
+  ~InterruptWatcher() {
+    stopping_ = true;
+    pthread_kill(watcher_.native_handle(), SIGINT);  // for that thread alone, which takes it and ends
+    watcher_.join();
+    pthread_sigmask(SIG_SETMASK, &previous_signals_, nullptr);
+  }
+
+ private:
+  void Watch() {
+    for (int signal = 0; sigwait(&signals_, &signal) == 0 && !stopping_;) {
+      if (requested()) {
+        // Files are whole or absent at any time, so stopping dead loses nothing but the step at hand.
+        Say("\nstopped at once\n");
+        _exit(1);
+      }
+      Say("\nstopping (press Ctrl-C again to stop at once) ...\n");
+      Request();
+    }
+  }
+  static void Say(std::string_view text) {
+    [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, text.data(), text.size());
+  }
+
+  sigset_t signals_, previous_signals_;
+  std::atomic<bool> stopping_{false};
+  std::thread watcher_;
+};
 
 /// Lines of standard input as they come.
 class InputLines {
@@ -52,21 +93,18 @@ class InputLines {
   bool ended_ = false;
 };
 
-int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatcher* interrupt) {
+int RunReconstruct(const acmp::ReconstructOptions& options, InterruptWatcher* interrupt) {
   std::optional<tbb::global_control> threads;
   if (options.threads > 0) threads.emplace(tbb::global_control::max_allowed_parallelism, options.threads);
   const acmp::DeviceMaker make_devices = [&] { return acmp::MakeDevices(options, &std::cerr); };
   const bool is_terminal = isatty(STDERR_FILENO);
+  const acmp::RunContext context = {make_devices, *interrupt, std::cout, std::cerr, is_terminal};
   bool all_done = true;
   try {
     interrupt->RunCancellable([&] {
-      if (options.stages) {
-        InputLines lines(interrupt);
-        all_done = acmp::ReconstructStages(
-            options, make_devices, interrupt, [&] { return lines.Next(); }, &std::cout, &std::cerr, is_terminal);
-      } else {
-        acmp::Reconstruct(options, make_devices, interrupt, &std::cout, &std::cerr, is_terminal);
-      }
+      if (!options.stages) return acmp::Reconstruct(options, context);
+      InputLines lines(interrupt);
+      all_done = acmp::ReconstructStages(options, context, [&] { return lines.Next(); });
     });
     interrupt->Check();
   } catch (const acmp::Interrupted&) {
@@ -79,7 +117,7 @@ int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatch
 
 int Run(int argc, char** argv) {
   signal(SIGXFSZ, SIG_IGN);  // a file that grows over its limit is then an error like a full disk
-  acmp::InterruptWatcher interrupt;
+  InterruptWatcher interrupt;
   acmp::ReconstructOptions options;
   CLI::App app(
       "Computes depth, normal, cost and confidence maps of images with known poses by planar prior assisted\n"

@@ -174,8 +174,8 @@ StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, 
   for (double StageMs::*stage :
        {&StageMs::photometric, &StageMs::planar_prior, &StageMs::geometric, &StageMs::load, &StageMs::triangulation,
         &StageMs::consistency, &StageMs::download, &StageMs::fast, &StageMs::whole}) {
-    std::vector<double> values;
-    for (const StageMs& run : runs) values.push_back(run.*stage);
+    std::vector<double> values(runs.size());
+    std::transform(runs.begin(), runs.end(), values.begin(), [stage](const StageMs& run) { return run.*stage; });
     figures.median.*stage = Quantile(std::move(values), 0.5);
   }
   figures.device_bytes = engine->DeviceBytes();

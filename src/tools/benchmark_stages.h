@@ -1,6 +1,5 @@
 #pragma once
 
-#include <ostream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -65,18 +64,5 @@ std::vector<ExpectedRates> MeasureExpectedRates(DepthEngine* engine, const Dense
 /// and where it stays. @param options all but the pipeline's. @param size the largest allowed
 std::vector<std::string> MeasureAutoPreset(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size,
                                            double interval_s);
-
-/// What one call of acmp_benchmark has measured.
-struct BenchmarkReport {
-  std::string device, preset;
-  int repetitions = 0;
-  double fetches_per_s = 0;  ///< bilinear fetches of the GPU; 0 elsewhere
-  std::vector<StageFigures> stages;
-  std::vector<StreamFigures> streams;
-  std::vector<ExpectedRates> expected;
-  std::vector<std::string> auto_choices;  ///< MeasureAutoPreset
-};
-
-void PrintReport(const BenchmarkReport& report, std::ostream* out);
 
 }  // namespace acmp

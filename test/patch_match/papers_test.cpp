@@ -17,7 +17,6 @@
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
 #include "acmp_mapping/patch_match/window_sums.h"
 #include "acmp_mapping/pipeline/presets.h"
-#include "acmp_mapping/pipeline/schedule.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
 #include "support/absolute_difference.h"
 #include "support/kernel_state.h"

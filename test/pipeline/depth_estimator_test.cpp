@@ -22,15 +22,13 @@ class SpyEngine final : public FakeEngine {
   }
 
   std::vector<std::string> calls;
-  std::vector<EngineProblem> problems;  ///< of the passes
-  std::vector<PinholeCamera> cameras;   ///< of their references, of the level
+  std::vector<PinholeCamera> cameras;  ///< of their references, of the level
   PatchMatchOptions last_options;
   EstimateState last_start;
   PlaneMap last_prior;
 
  private:
   EstimateState Answer(const PassRequest& request) override {
-    problems.push_back(request.problem);
     cameras.push_back(request.camera());
     last_options = request.options;
     if (request.start) last_start = DownloadState(request.start);
@@ -144,23 +142,6 @@ TEST_F(DepthEstimatorTest, FullSizeIterationsFollowAStartLevelAndThePriorPassThe
   EXPECT_EQ(estimator.last_times().kernels_ms, 30);
 }
 
-TEST_F(DepthEstimatorTest, RefinementReadsTheGivenEstimatesAndStart) {
-  DepthEstimator estimator(&engine_, MakePreset("balanced"));
-  EngineProblem problem = Problem();
-  problem.sources[0].estimate = EstimateAt(4, 40, 30);
-  problem.sources[2].estimate = EstimateAt(5, 30, 26);
-  problem.reference.estimate = EstimateAt(4.5f, 40, 30);
-  const EngineEstimatePtr refined = estimator.Run(estimator.schedule().at(3), problem);
-  EXPECT_THAT(engine_.calls, ElementsAre("geometric 1"));
-  EXPECT_EQ(engine_.last_start.planes(0, 0).d, 4.5f);
-  EXPECT_EQ(FirstPlane(refined).d, 6);
-  const EngineProblem& seen = engine_.problems.at(0);
-  ASSERT_EQ(seen.sources.size(), 3u);
-  for (size_t i = 0; i < 3; ++i) EXPECT_EQ(seen.sources[i].estimate, problem.sources[i].estimate);
-  EXPECT_EQ(estimator.last_times().kernels_ms, 10);
-  EXPECT_EQ(estimator.last_times().photometric_ms, 0);
-}
-
 TEST_F(DepthEstimatorTest, StepsRunThePassesThatTheOptionsName) {
   PipelineOptions options = MakePreset("balanced");
   DepthEstimator estimator(&engine_, options);
@@ -179,19 +160,6 @@ TEST_F(DepthEstimatorTest, StepsRunThePassesThatTheOptionsName) {
   estimator.set_options(options);
   estimator.Run(estimator.schedule().back(), problem);
   EXPECT_THAT(engine_.calls, IsEmpty());
-}
-
-TEST_F(DepthEstimatorTest, BadOptionsAreRefusedAndTheOldOnesKept) {
-  PipelineOptions bad = MakePreset("balanced");
-  bad.patch_match.view_draws = 0;
-  EXPECT_THROW(DepthEstimator(&engine_, bad), InvalidInputError);
-  EXPECT_THROW(DepthEstimator(nullptr, MakePreset("acmh")), InvalidInputError);
-  DepthEstimator estimator(&engine_, MakePreset("acmh"));
-  EXPECT_THROW(estimator.set_options(bad), InvalidInputError);
-  EXPECT_FALSE(estimator.options().use_planar_prior);
-  EXPECT_EQ(estimator.options().patch_match.view_draws, 15);
-  estimator.set_options(MakePreset("acmp_no_geometric"));
-  EXPECT_TRUE(estimator.options().use_planar_prior);
 }
 
 }  // namespace

@@ -1,8 +1,8 @@
+#include <map>
 #include <string>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/pipeline/presets.h"
-#include "acmp_mapping/pipeline/schedule.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "support/error_text.h"
@@ -103,29 +103,19 @@ TEST(ParametersTest, SettingOneChangesThatOneAlone) {
 }
 
 std::string StepsOf(const PipelineOptions& options) {
-  std::string names;
+  using Kind = KeyframeStep::Kind;
+  const std::map<Kind, std::string> names = {{Kind::kInitial, "initial"},
+                                             {Kind::kNextScale, "next scale"},
+                                             {Kind::kFillForPasses, "fill for passes"},
+                                             {Kind::kGeometricPass, "pass"},
+                                             {Kind::kFillUnverified, "fill"}};
+  std::string steps;
   for (const KeyframeStep& step : ScheduleOf(options)) {
-    if (!names.empty()) names += ", ";
-    switch (step.kind) {
-      case KeyframeStep::Kind::kInitial:
-        names += "initial";
-        break;
-      case KeyframeStep::Kind::kNextScale:
-        names += "next scale";
-        break;
-      case KeyframeStep::Kind::kFillForPasses:
-        names += "fill for passes";
-        break;
-      case KeyframeStep::Kind::kGeometricPass:
-        names += Concat("pass ", step.pass);
-        break;
-      case KeyframeStep::Kind::kFillUnverified:
-        names += "fill";
-        break;
-    }
-    if (step.level > 0) names += Concat(" at level ", step.level);
+    steps += (steps.empty() ? "" : ", ") + names.at(step.kind);
+    if (step.kind == Kind::kGeometricPass) steps += Concat(" ", step.pass);
+    if (step.level > 0) steps += Concat(" at level ", step.level);
   }
-  return names;
+  return steps;
 }
 
 std::string StepsOf(bool fills, int geometric_passes) {
@@ -135,12 +125,9 @@ std::string StepsOf(bool fills, int geometric_passes) {
   return StepsOf(options);
 }
 
-TEST(ScheduleTest, GeometricPassesFollowTheInitialEstimate) {
+TEST(ScheduleTest, PassesFollowTheInitialEstimateAndWhatIsUnverifiedIsFilledBeforeAndAfterThem) {
   EXPECT_EQ(StepsOf(false, 0), "initial");
   EXPECT_EQ(StepsOf(false, 2), "initial, pass 0, pass 1");
-}
-
-TEST(ScheduleTest, WhatIsUnverifiedIsFilledBeforeAndAfterThePasses) {
   EXPECT_EQ(StepsOf(true, 0), "initial, fill") << "nothing checks what would be offered to passes";
   EXPECT_EQ(StepsOf(true, 2), "initial, fill for passes, pass 0, pass 1, fill");
 }

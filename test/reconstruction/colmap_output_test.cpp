@@ -104,14 +104,5 @@ TEST_F(ReconstructColmapTest, ImagesWithoutMapAreNoSources) {
   EXPECT_FALSE(Has("images/00000003.png"));
 }
 
-TEST_F(ReconstructColmapTest, OverwriteRemovesTheWorkspace) {
-  Run();
-  options_.colmap = false;
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { Run(); }), HasSubstr("colmap was yes and is no"));
-  options_.overwrite = true;
-  Run();
-  EXPECT_FALSE(Has("."));
-}
-
 }  // namespace
 }  // namespace acmp

@@ -12,7 +12,6 @@
 #include <thread>
 
 #include "acmp_mapping/dataset/map_io.h"
-#include "devices.h"
 #include "reconstruction/run_fixture.h"
 
 namespace acmp {
@@ -97,8 +96,7 @@ class ReconstructDevicesTest : public ReconstructRunFixture {
 
   void RunOnFakeGpus(const std::string& name, int devices, int jobs = 2) {
     options_.output = output(name);
-    Reconstruct(
-        options_, [&] { return FakeGpus(devices, jobs, &gpus_); }, &watcher_, &out_, &log_, false);
+    Reconstruct(options_, {[&] { return FakeGpus(devices, jobs, &gpus_); }, watcher_, out_, log_, false});
   }
 
   FakeGpuBehaviour gpus_;
@@ -117,31 +115,6 @@ TEST_F(ReconstructDevicesTest, AnyNumberOfDevicesGivesTheSameFiles) {
         ExpectSameContents(output("cpu"), output("gpu"));
       }
       options_.memory_limit_gb = 4;
-    }
-  }
-}
-
-TEST(DeviceOfPlaceTest, StretchesOfNeighboursGoToOneDeviceAfterTheOther) {
-  for (const size_t devices : {1, 2, 3, 4, 8}) {
-    for (size_t images = 1; images < 200; ++images) {
-      std::vector<size_t> of_device(devices);
-      size_t length = 0, rounds = 1;
-      for (size_t place = 0; place < images; ++place) {
-        const int device = DeviceOfPlace(place, images, devices);
-        ASSERT_TRUE(device >= 0 && device < static_cast<int>(devices));
-        ++of_device[static_cast<size_t>(device)];
-        const int before = place == 0 ? 0 : DeviceOfPlace(place - 1, images, devices);
-        length = device == before ? length + 1 : 1;
-        rounds += device < before ? 1 : 0;
-        ASSERT_TRUE(device == before || device == (before + 1) % static_cast<int>(devices));
-        if (devices > 1) {
-          ASSERT_LE(length, 16u) << place << " of " << images;
-        }
-      }
-      // A stretch is at most one image longer than another.
-      const auto [least, most] = std::minmax_element(of_device.begin(), of_device.end());
-      EXPECT_LE(*most - *least, rounds) << images << " on " << devices;
-      EXPECT_LE(rounds, (images + 16 * devices - 1) / (16 * devices));
     }
   }
 }
@@ -197,7 +170,11 @@ class DeviceMemoryTest : public ReconstructDevicesTest {
     size_t most = 0;
     gpus_.before = [&](int, int, int) {
       const std::lock_guard<std::mutex> lock(mutex);
-      if (Has("work")) most = std::max(most, Contents(output(name) / "work").size());
+      size_t estimates = 0;
+      for (const auto& file : Has("work") ? Contents(output(name) / "work") : std::map<std::string, std::string>()) {
+        estimates += file.first.rfind("points/", 0) == 0 ? 0 : 1;
+      }
+      most = std::max(most, estimates);
     };
     RunOnFakeGpus(name, 1);
     return most;

@@ -15,8 +15,6 @@
 namespace acmp {
 namespace {
 
-using ::testing::ElementsAre;
-
 class ReconstructImagesTest : public ReconstructRunFixture {
  protected:
   std::vector<InputImage> Images() {
@@ -71,16 +69,6 @@ TEST_F(ReconstructImagesTest, BitsOfTheToolOnAnyDeviceWithAnyMemory) {
     ExpectFilesOfTool(RunOnTwoFakeGpus(free_bytes));
     EXPECT_EQ(gpus_.NumEstimatesAlive(), 0u);
   }
-}
-
-TEST_F(ReconstructImagesTest, TakesRangeAndSourceViewsAsTheyAreGiven) {
-  std::vector<InputImage> images = Images();
-  images[0].depth_range = DepthRange{2, 6};
-  images[0].ranked_sources = {3, 1};
-  const ImageReconstruction result = RunOnCpu(std::move(images));
-  EXPECT_THAT(result.images[0].sources, ElementsAre(3, 1));
-  EXPECT_NEAR(result.images[0].depth(4, 4), 4, 0.1) << "the stand-in's planes lie in the middle of the range";
-  EXPECT_EQ(result.images[0].camera.width, kWidth);
 }
 
 }  // namespace

@@ -271,7 +271,7 @@ TEST_F(ReconstructTest, BadOptionsAreNamed) {
   EXPECT_THAT(ErrorWith([](auto* o) { o->preset = "online", o->max_image_size = 1; }),
               AllOf(HasSubstr(".png: is matched at 1 x 1 px"), HasSubstr("must be at least 2 x 2")));
   EXPECT_THAT(ErrorWith([](auto* o) { o->images = "2"; }), HasSubstr("3 of the scene's for it are not among --images"));
-  EXPECT_THAT(ErrorWith([](auto* o) { o->schedule = "online", o->window_size = 1; }), HasSubstr("window_size"));
+  EXPECT_THAT(ErrorWith([](auto* o) { o->window_size = 1; }), HasSubstr("--window-size = 1"));
   EXPECT_TRUE(fake_.calls.empty());
 }
 

@@ -104,6 +104,20 @@ TEST_F(ResumeTest, OtherSettingsAreRefusedUntilOverwrite) {
   EXPECT_THAT(Error(), HasSubstr("input (hash of images"));
 }
 
+TEST_F(ResumeTest, OverwriteRemovesWhatOtherSettingsDoNotMake) {
+  options_.tile_size = 0.4;
+  Run(&fake_);
+  EXPECT_TRUE(Has("colmap") && Has("tiles"));
+  options_.colmap = false;
+  options_.tile_size = 0.40000001;
+  EXPECT_THAT(Error(), AllOf(HasSubstr("colmap was yes and is no"), HasSubstr("tile-size was 0.4 and is 0.40000001)")));
+  options_.tile_size.reset();
+  options_.overwrite = true;
+  Run(&fake_);
+  EXPECT_FALSE(Has("colmap") || Has("tiles"));
+  EXPECT_TRUE(Has("fused.ply"));
+}
+
 TEST_F(ResumeTest, WorkFilesWithDamagedContentAreMadeAgain) {
   PassesOfWholeRun();
   options_.keep_work = true;

@@ -12,9 +12,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
+#include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/reconstruction/reconstruct.h"
-#include "acmp_mapping/reconstruction/stop_request.h"
 #include "reconstruction/scene_fixture.h"
 #include "support/fake_engine.h"
 
@@ -162,8 +162,7 @@ class ReconstructRunFixture : public ReconstructFixture {
   void Run(FakeMatcher* matcher, StopRequest* watcher) {
     log_.str("");
     out_.str("");
-    Reconstruct(
-        options_, [&] { return DevicesOf(matcher); }, watcher, &out_, &log_, false);
+    Reconstruct(options_, {[&] { return DevicesOf(matcher); }, *watcher, out_, log_, false});
   }
   static std::vector<ReconstructDevice> DevicesOf(FakeMatcher* matcher) {
     std::vector<ReconstructDevice> devices(1);

@@ -109,7 +109,7 @@ class StagesTest : public ReconstructRunFixture {
     };
     ReconstructOptions options = options_;
     options.stages = true;
-    EXPECT_EQ(ReconstructStages(options, make_devices, &watcher_, next, &answers, &log_, false), all_done);
+    EXPECT_EQ(ReconstructStages(options, {make_devices, watcher_, answers, log_, false}, next), all_done);
     return answers.str();
   }
   std::string DoLines(const std::vector<Line>& lines, FakeMatcher* matcher, bool all_done = true) {
@@ -179,13 +179,9 @@ TEST_F(StagesTest, WriteTheTilesOfARunAloneAlsoFarFromTheOrigin) {
   options_.tile_size = 0.25;
   EXPECT_THAT(StageError("step_0", "0"), HasSubstr("tile-size was 0.5 and is 0.25"));
   options_.tile_size = 0.5;
-  options_.memory_limit_gb = 0;  // all points go through the work file
   FakeMatcher matcher;
   for (const Task& task : tasks) {
-    if (task.stage == "finish") {  // a process that is killed there leaves this
-      WriteText("out/tiles/0_0_8.ply.partial", "cut");
-      WriteText("out/work/tiles/000000.bin.partial", "cut");
-    }
+    if (task.stage == "finish") WriteText("out/tiles/0_0_8.ply.partial", "cut");  // of one that was killed there
     Stage(task, &matcher);
   }
   EXPECT_THAT(out_.str(), HasSubstr(" tiles; took "));
@@ -269,7 +265,7 @@ TEST_F(StagesTest, RefuseWhatIsNotPlannedOrHasChanged) {
   EXPECT_THAT(StageError("step_0", "0"), HasSubstr("--chunk-images 3: the plan in " + output().string() + " has 2"));
   options_.chunk_images = 2;
   EXPECT_THAT(MessageOf<ProcessingError>([&] { Stage("finish", "", &fake_); }),
-              HasSubstr("stage step_0 of image 00000000.png (index 0) is not done"));
+              HasSubstr("stage maps of image 00000000.png (index 0) is not done"));
   EXPECT_THAT(MessageOf<ProcessingError>([&] { Stage("fuse", "4-5", &fake_); }),
               HasSubstr("the stage of the images from 2 on is not done"));
   EXPECT_THAT(Error(), HasSubstr("holds a run with other settings"));
@@ -285,21 +281,13 @@ TEST_F(StagesTest, OptionsThatDoNotGoTogether) {
   EXPECT_EQ(ErrorWith([](auto* o) { o->plan = "p", o->colmap = true; }), "--plan: not with --colmap");
 }
 
-TEST_F(StagesTest, OfOneProcessEndWithTheBytesOfARunAlone) {
+TEST_F(StagesTest, OfOneProcessAreTheSameAlsoOnGpusAndLeaveNoEstimatesThere) {
   const int passes = RunTo("alone");
-  const std::vector<Line> lines = PlannedLines();
-  std::string answers;
-  for (const Line& line : lines) answers += line.text + ": done\n";
-  options_.quiet = true;
   FakeMatcher matcher;
-  EXPECT_EQ(DoLines(lines, &matcher), answers);
+  DoLines(PlannedLines(), &matcher);
   EXPECT_EQ(devices_made_, 1);
   EXPECT_EQ(static_cast<int>(matcher.calls.size()), passes);
   ExpectSameContents(output("alone"), output());
-}
-
-TEST_F(StagesTest, OnGpusAreTheSameAndLeaveNoEstimatesThere) {
-  RunTo("alone");
   for (const int devices : {1, 2}) {
     options_.output = output("gpus_" + std::to_string(devices));
     FakeGpuBehaviour gpu;
@@ -327,7 +315,7 @@ TEST_F(StagesTest, OfOneProcessGoOnAfterAFailure) {
        {"step_9 0-1: exit code 2: --stage step_9: ", ": exit code 2: --stages: line \"\": must be STAGE IMAGES",
         "step_0 0 1: exit code 2: --stages: line \"step_0 0 1\": ", "step_0: exit code 2: --stage: needs --images",
         "step_0 77: exit code 2: image list: \"77\": ", "step_0 0-1: exit code 1: the device is lost",
-        "step_0 0-1: done", "finish: exit code 1: --stage finish: stage step_0 of image 00000002.png (index 2) "}) {
+        "step_0 0-1: done", "finish: exit code 1: --stage finish: stage maps of image 00000000.png (index 0) "}) {
     std::string line;
     EXPECT_TRUE(std::getline(stream, line));
     EXPECT_THAT(line, StartsWith(expected));
@@ -342,6 +330,9 @@ TEST_F(StagesTest, OfOneProcessFollowImagesAndPlansThatChange) {
            {"step_0 0-1",
             [&] {
               ChangeImage1();
+              options_.overwrite = true;
+              Plan();
+              options_.overwrite = false;
               matcher.calls.clear();
             }}},
           &matcher);

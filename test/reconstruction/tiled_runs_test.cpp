@@ -12,9 +12,9 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "cloud_output.h"
 #include "dataset/test_folder.h"
 #include "fusion/engine_views.h"
+#include "outputs.h"
 #include "reconstruction/run_fixture.h"
 
 namespace acmp {
@@ -138,26 +138,6 @@ TEST_F(TiledRunsTest, LittleMemoryAndOtherOutputsMakeTheSameTiles) {
   EXPECT_EQ(ReadText(output("colmap_one") / "colmap/sparse/0/points3D.bin"), landmarks);
 }
 
-TEST_F(TiledRunsTest, AFolderOfOtherTilesIsRefusedUntilOverwrite) {
-  RunTo("out");
-  options_.tile_size = kTileSize;
-  EXPECT_THAT(Error(), HasSubstr("tile-size was none and is 0.4)"));
-  options_.overwrite = true;
-  RunTo("out");
-  EXPECT_FALSE(Has("fused.ply"));
-  options_.tile_size = 0.40000001;
-  options_.overwrite = false;
-  EXPECT_THAT(Error(), HasSubstr("tile-size was 0.4 and is 0.40000001)"));
-  options_.tile_size.reset();
-  options_.overwrite = true;
-  RunTo("out");
-  EXPECT_FALSE(Has("tiles"));
-  EXPECT_TRUE(Has("fused.ply"));
-}
-
-constexpr size_t kAllInMemory = 1 << 30;
-constexpr size_t kPointBytes = sizeof(SurfacePoint) + sizeof(uint32_t);  // in memory
-
 SurfacePoint PointAt(float x, float y, float z, size_t number = 0) {
   return {{x, y, z}, {0, 0.6f, -0.8f}, {static_cast<unsigned char>(number), 2, 3}, static_cast<float>(number)};
 }
@@ -175,46 +155,29 @@ PointCloud RandomCloud(size_t points, float extent) {
 
 class TiledCloudTest : public TestFolder {
  protected:
-  std::filesystem::path WorkFile() const { return out_.WorkFile(TiledCloud::kFolder, 0).string() + ".partial"; }
-  std::filesystem::path Tiles() const { return out_.path() / "tiles"; }
-
   const OutputFolder out_{folder() / "out", {}, false};
   StopRequest stop_;
 };
 
-TEST_F(TiledCloudTest, ATileOfManyBlocksKeepsItsOrder) {
+TEST_F(TiledCloudTest, ATileThatPassesThroughAFileKeepsItsOrder) {
   PointCloud cloud = RandomCloud(150000, 5);
   for (SurfacePoint& point : cloud) point.position = point.position + Vec3f{5, 5, 5};
-  for (const size_t max_bytes : {kAllInMemory, size_t{140000} * kPointBytes}) {
+  for (const size_t max_bytes : {size_t{1} << 30, size_t{1}}) {
     TiledCloud tiles(&out_, 100, max_bytes);
     tiles.Add(cloud);
+    EXPECT_EQ(std::filesystem::exists(out_.path() / "work"), max_bytes == 1);
     tiles.Commit(stop_);
     EXPECT_EQ(tiles.tiles(), 1u);
-    EXPECT_EQ(FirstDifference(ReadPly(Tiles() / "0_0_0.ply"), cloud), "");
+    EXPECT_EQ(FirstDifference(ReadPly(out_.path() / "tiles/0_0_0.ply"), cloud), "");
   }
 }
 
 TEST_F(TiledCloudTest, TilesThatAreTooSmallAreRefused) {
-  TiledCloud tiles(&out_, 1e-6, kAllInMemory);
-  EXPECT_EQ(MessageOf<InvalidInputError>([&] { tiles.Add({PointAt(0, 1e10f, 0)}); }),
-            "--tile-size = 1e-06: a point at 1e+10 would be in tile 1e+16: must be within +-9007199254740992, so tiles "
-            "must be larger");
-  for (const float x : {std::numeric_limits<float>::infinity(), std::nanf("")}) {
-    EXPECT_THAT(MessageOf<InvalidInputError>([&] { tiles.Add({PointAt(x, 0, 0)}); }), HasSubstr("must be within"));
+  TiledCloud tiles(&out_, 1e-6, 1);
+  for (const float x : {1e10f, std::numeric_limits<float>::infinity(), std::nanf("")}) {
+    EXPECT_THAT(MessageOf<InvalidInputError>([&] { tiles.Add({PointAt(x, 0, 0)}); }),
+                HasSubstr("must be within +-9007199254740992, so tiles must be larger"));
   }
-}
-
-TEST_F(TiledCloudTest, FilesThatCannotBeWrittenOrReadAreErrors) {
-  TiledCloud tiles(&out_, 2, 1000);
-  tiles.Add(RandomCloud(500, 5));
-  std::filesystem::resize_file(WorkFile(), 1000);
-  EXPECT_EQ(MessageOf<ProcessingError>([&] { tiles.Commit(stop_); }),
-            "cannot read the points in " + WorkFile().string());
-  std::filesystem::remove_all(Tiles());
-  WriteText("out/tiles", "in the way of the folder");
-  TiledCloud again(&out_, 2, 1000);
-  again.Add(RandomCloud(500, 5));
-  EXPECT_THROW(again.Commit(stop_), InvalidInputError);  // as any folder that cannot be
 }
 
 }  // namespace

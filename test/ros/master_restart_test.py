@@ -11,8 +11,8 @@ from pathlib import Path
 
 SOURCE, BUILD = (Path(argument) for argument in sys.argv[1:3])
 sys.path.insert(0, str(SOURCE / "scripts"))
-import replay_report  # noqa: E402  pylint: disable=wrong-import-position
-from nodelet_session import Session, make_bag, save_map  # noqa: E402  pylint: disable=wrong-import-position
+from nodelet_session import (  # noqa: E402  pylint: disable=wrong-import-position
+    Session, make_bag, save_map, start_master, wait_for)
 
 
 def main():
@@ -20,21 +20,21 @@ def main():
         bag = make_bag(BUILD, f"{folder}/room.bag")
         first = session.map_bag(bag)
         # The watch reads what is registered every few seconds: it must have seen all of it once.
-        replay_report.wait_for(lambda: "/map_server/save_map" in subprocess.run(
+        wait_for(lambda: "/map_server/save_map" in subprocess.run(
             ["rosservice", "list"], stdout=subprocess.PIPE, text=True, check=True).stdout, "the services")
         session.master.kill()
         session.master.wait()
-        replay_report.wait_for(lambda: "cannot be reached" in session.log(), "the warning")
+        wait_for(lambda: "cannot be reached" in session.log(), "the warning")
         # While it waits, another manager of the same name registers first.
         session.manager.send_signal(signal.SIGSTOP)
-        session.master = replay_report.start_master(int(os.environ["ROS_MASTER_URI"].rsplit(":", 1)[1]))
+        session.master = start_master(int(os.environ["ROS_MASTER_URI"].rsplit(":", 1)[1]))
         master = xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"])
         other = ("/manager", "/other_service", "rosrpc://localhost:1")
         master.registerService(*other, "http://localhost:1")
         session.manager.send_signal(signal.SIGCONT)
-        replay_report.wait_for(lambda: "another /manager has registered" in session.log(), "word of the other manager")
+        wait_for(lambda: "another /manager has registered" in session.log(), "word of the other manager")
         master.unregisterService(*other)
-        replay_report.wait_for(lambda: "registered again" in session.log(), "registration")
+        wait_for(lambda: "registered again" in session.log(), "registration")
         kept = save_map(f"{folder}/map.ply")[0]
         again = session.map_bag(bag)
         print(f"{first} points, {kept} after the restart, {again} after the bag was played again")

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "acmp_mapping/engine/depth_engine.h"
-#include "acmp_mapping/pipeline/schedule.h"
+#include "acmp_mapping/pipeline/presets.h"
 
 namespace acmp {
 

@@ -7,13 +7,13 @@
 #include <string>
 #include <vector>
 
+#include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/engine/depth_engine.h"
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/image/mask.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
-#include "acmp_mapping/reconstruction/stop_request.h"
 
 namespace acmp {
 
@@ -32,24 +32,29 @@ using DeviceMaker = std::function<std::vector<ReconstructDevice>()>;
 /// @param log is told why "auto" settled for the CPU, unless the options are `quiet`; not null
 std::vector<ReconstructDevice> MakeDevices(const ReconstructOptions& options, std::ostream* log);
 
+/// What a run of the tool has around it. All outlive the run.
+struct RunContext {
+  const DeviceMaker&
+      make_devices;  ///< called once, in another thread: a GPU takes as long to start as images to decode
+  StopRequest& interrupt;
+  std::ostream& out;     ///< results
+  std::ostream& log;     ///< progress, warnings
+  bool log_is_terminal;  ///< a progress bar instead of plain lines
+};
+
 /// One run of the tool: reads the scene, makes the output folder or goes on with an interrupted run in it (the online
-/// schedule starts anew), writes all results. Messages go to `out` (results) and `log` (progress, warnings). Throws
-/// InvalidInputError, ProcessingError or Interrupted.
-/// @param make_devices is called once, in another thread: a GPU takes as long to start as images to be decoded
-/// @param log_is_terminal draws a progress bar instead of plain lines
-void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
-                 std::ostream* out, std::ostream* log, bool log_is_terminal);
+/// schedule starts anew), writes all results. Throws InvalidInputError, ProcessingError or Interrupted.
+void Reconstruct(const ReconstructOptions& options, const RunContext& context);
 
 /// The next line without its end; nothing after the last one. May throw Interrupted.
 using LineReader = std::function<std::optional<std::string>()>;
 
 /// Does stages of a plan, one after the other, as Reconstruct with options.stage does each. What they have in common is
-/// kept at hand: devices, the plan, images.
+/// kept at hand: devices, the plan, images. `context.out` is told of each, in one line: "LINE: done" or "LINE: exit
+/// code N: message", with the program's exit codes.
 /// @param next names them: "STAGE IMAGES", or "finish"
-/// @param out is told of each, in one line: "LINE: done" or "LINE: exit code N: message", with the program's exit codes
 /// @return whether all were done. Throws InvalidInputError for options and Interrupted; a stage that fails ends nothing
-bool ReconstructStages(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
-                       const LineReader& next, std::ostream* out, std::ostream* log, bool log_is_terminal);
+bool ReconstructStages(const ReconstructOptions& options, const RunContext& context, const LineReader& next);
 
 /// A posed, undistorted image in memory.
 struct InputImage {
@@ -83,9 +88,9 @@ struct ImageReconstruction {
   std::string device;                 ///< that did it
 };
 
-/// What the tool does with a scene's files, in memory and without files: depth, normal, cost and confidence of each
-/// image by the offline schedule, and one cloud. The maps and points are those of the tool, bit by bit. Throws
-/// InvalidInputError for bad input, ProcessingError, or Interrupted.
+/// What the tool does with a scene's files, in memory: depth, normal, cost and confidence of each image by the offline
+/// schedule, and one cloud. What a GPU has no room for waits in temporary files. The maps and points are those of the
+/// tool, bit by bit. Throws InvalidInputError for bad input, ProcessingError, or Interrupted.
 /// @param images at least one; given up
 /// @param options those of matching and machine count; the poses are taken as they are
 /// @param make_devices is called once

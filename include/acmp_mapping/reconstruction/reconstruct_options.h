@@ -65,12 +65,10 @@ struct ReconstructOptions {
 
   bool online() const { return schedule == "online"; }
 
-  /// Of memory_limit_gb, what each kind may take: images; estimates or maps; points that wait to be written.
-  static constexpr double kImageShare = 0.4, kMapShare = 0.4, kCloudShare = 0.2;
+  /// Of memory_limit_gb, what each kind may take: images; estimates or maps; points that wait for their tile.
+  static constexpr double kImageShare = 0.4, kMapShare = 0.4, kTileShare = 0.1;
   /// @param share 0..1
   size_t MemoryBytes(double share) const { return static_cast<size_t>(share * 1e9 * memory_limit_gb); }
-  /// For points of views that wait for their place in the cloud; with tiles half of the share, and as much for those.
-  size_t CloudBytes() const { return MemoryBytes(tile_size ? kCloudShare / 2 : kCloudShare); }
 };
 
 /// Declares the command line on `app`; parsing fills `options`.

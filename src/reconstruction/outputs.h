@@ -1,0 +1,157 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "acmp_mapping/dataset/colmap_workspace.h"
+#include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/fusion/point_cloud.h"
+#include "run_tasks.h"
+
+namespace acmp {
+
+/// OUTPUT/colmap, COLMAP's dense workspace with the maps of a run, for programs that fuse or mesh it. Images keep their
+/// names, and their folders below images/, depth_maps/ and normal_maps/.
+class ColmapOutput {
+ public:
+  /// Makes the folders. @param run not null; outlives this
+  explicit ColmapOutput(const ReconstructRun* run);
+
+  /// Throws InvalidInputError when the workspace cannot have an image of that name.
+  static void CheckNames(const Scene& scene, const std::vector<int>& indices);
+
+  /// Depth and normals where they were measured: pixels of kUnverifiedCost or worse have at most planes from around
+  /// them, and a program that fuses the maps would take them for what a camera saw.
+  void WriteMaps(int index, const FinalMaps& maps) const;
+
+  /// Cameras, poses, points of the cloud and the lists of images: last, since the online schedule decides late what
+  /// gets a map, and the maps tell which images see a point.
+  /// @param images with maps, by scene index
+  /// @param clouds of each of the images, from the plan's origin
+  void WriteModel(const std::vector<int>& images, const std::vector<PointCloud>& clouds) const;
+
+ private:
+  std::filesystem::path DepthFile(const std::string& name) const;
+  std::vector<std::vector<size_t>> SourcesWithin(const std::vector<int>& images) const;
+
+  const ReconstructRun& run_;
+  std::filesystem::path folder_;
+};
+
+/// The maps and pictures of an image that are made; COLMAP's files are not among them.
+std::vector<std::filesystem::path> FilesOfImage(const ReconstructOptions& options, const OutputFolder& folder,
+                                                int index);
+
+/// The files of images with final estimates in the run's store: maps, their pictures, and their part of COLMAP's
+/// workspace.
+class ImageFiles {
+ public:
+  /// Makes the folders. @param run not null, with a folder; outlives this
+  explicit ImageFiles(ReconstructRun* run);
+
+  /// Adds the tasks that measure an image's confidence, where it is asked for and does not come with the maps, and
+  /// write its files. Returns the number of the last one.
+  int AddTasks(const ImagePlan& image, RunTasks* tasks);
+  /// At the end: what the files could not hold.
+  void WarnOfDepthsTooFar() const;
+
+  const std::optional<ColmapOutput>& colmap() const { return colmap_; }  ///< where it is asked for
+
+ private:
+  void WriteFiles(int index, const ConfidenceMap& measured);
+  /// @param confidence empty where it is not written
+  /// @return pixels that are too deep for depth/*.png
+  size_t Write(int index, const FinalMaps& maps, const ConfidenceMap& confidence) const;
+
+  ReconstructRun& run_;
+  std::optional<ColmapOutput> colmap_;
+  const bool measures_confidence_;
+  size_t too_far_ = 0;  ///< pixels; under the run's mutex while tasks run
+};
+
+/// A run's points in cubic tiles of the scene's frame. OUTPUT/tiles/X_Y_Z.ply has those whose coordinates divided by
+/// the tile size, rounded down, are X, Y and Z, in the order in which they came. OUTPUT/tiles/index.json lists the
+/// files. Points wait in memory up to a number of bytes, beyond in a work file for each tile, so that a cloud of any
+/// size can be cut. By one thread at a time.
+class TiledCloud {
+ public:
+  static constexpr size_t kMaxTiles = 1000000;
+  static constexpr int64_t kMaxTileNumber = int64_t{1} << 53;  ///< of X, Y, Z: double has all whole numbers up to it
+
+  /// @param folder outlives this
+  /// @param tile_size scene units, positive and finite
+  /// @param max_bytes of points in memory, at least 5 MB. Each tile takes some 150 bytes besides
+  /// @param origin of the points' coordinates, which is added (WritePly)
+  TiledCloud(const OutputFolder* folder, double tile_size, size_t max_bytes,
+             const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
+
+  /// Adds points after all that came before. Throws InvalidInputError for a tile size so small that a tile's number is
+  /// not within +-kMaxTileNumber, or that there are more than kMaxTiles tiles; ProcessingError when a work file cannot
+  /// be written.
+  void Add(const PointCloud& points);
+
+  /// Writes the tiles, each whole or absent, and then the index; once. Throws Interrupted, and ProcessingError when a
+  /// work file cannot be read or a file cannot be written.
+  void Commit(const StopRequest& interrupt);
+
+  size_t points() const { return points_; }
+  size_t tiles() const { return tiles_.size(); }
+
+ private:
+  using TileNumber = std::array<int64_t, 3>;
+
+  /// All points of a tile: those in its work file come before those in memory.
+  struct Tile {
+    size_t points = 0;
+    Vec3f min, max;  ///< of the positions, before the origin is added
+    PointCloud in_memory;
+  };
+
+  TileNumber NumberOf(const Vec3f& position) const;
+  Tile* TileOf(const Vec3f& position);
+  std::filesystem::path WorkFileOf(const TileNumber& number) const;
+  /// Moves all points in memory to the work files.
+  void MoveToFiles();
+  void WriteTile(const TileNumber& number, const Tile& tile) const;
+  void WriteIndex() const;
+
+  const OutputFolder& folder_;
+  const double tile_size_;
+  const size_t max_points_;
+  const Eigen::Vector3d origin_;
+  const std::filesystem::path tiles_folder_;
+  std::filesystem::path work_folder_;  ///< empty: all points are in memory
+
+  std::map<TileNumber, Tile> tiles_;
+  std::pair<const TileNumber, Tile>* last_tile_ = nullptr;  ///< most often the next point's, too
+  size_t points_ = 0, in_memory_ = 0;
+};
+
+/// Where a run's cloud goes: OUTPUT/fused.ply, or with --tile-size OUTPUT/tiles. By one thread at a time. Errors are
+/// those of PlyFile and TiledCloud.
+class CloudOutput {
+ public:
+  /// @param run with a folder; outlives this
+  explicit CloudOutput(const ReconstructRun& run);
+
+  /// Adds a view's points after those of all that came before.
+  void Add(const PointCloud& points);
+  /// Once all points are there. Without it there is no cloud.
+  void Commit();
+
+  CloudSize size() const;
+
+ private:
+  const StopRequest& interrupt_;
+  std::optional<PlyFile> file_;      ///< this one
+  std::optional<TiledCloud> tiles_;  ///< or that one
+};
+
+}  // namespace acmp
