@@ -139,7 +139,10 @@ void ReadRecord(BinaryReader* file, bool ascii, const Element& element, const Vi
   for (size_t i = 0; i < element.properties.size(); ++i) {
     const Property& property = element.properties[i];
     double count = 1;
-    if (property.is_list) visit(i, count = ReadValue(file, ascii, property.count_type));
+    if (property.is_list) {
+      count = ReadValue(file, ascii, property.count_type);
+      visit(i, count);
+    }
     for (double n = 0; n < count; ++n) visit(i, ReadValue(file, ascii, property.type));
   }
 }

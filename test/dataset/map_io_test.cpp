@@ -152,12 +152,15 @@ TEST_F(MapIoTest, AsciiPlyWithOtherPropertiesAndElements) {
   EXPECT_EQ(points[1].color.g, 2);
 }
 
-TEST_F(MapIoTest, BinaryPlySkipsListsAfterTheVertices) {
-  std::string content =
-      "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
-      "element face 1\nproperty list uchar int vertex_indices\nend_header\n" +
-      Bytes({1, 2, 3}) + std::string("\x03", 1) + std::string(12, '\0');
-  EXPECT_EQ(ReadPly(WriteText("a.ply", content)).size(), 1u);
+TEST_F(MapIoTest, BinaryPlySkipsListsBeforeAndAfterTheVertices) {
+  const std::string head = "ply\nformat binary_little_endian 1.0\n", end = "end_header\n", point = Bytes({1, 2, 3});
+  const std::string vertex = "element vertex 1\nproperty float x\nproperty float y\nproperty float z\n";
+  const std::string face = "element face 1\nproperty list uchar int vertex_indices\n";
+  const std::string triangle = "\x03" + std::string(12, '\0');
+  for (const std::string& content :
+       {head + vertex + face + end + point + triangle, head + face + vertex + end + triangle + point}) {
+    EXPECT_EQ(ReadPly(WriteText("a.ply", content)).at(0).position.z, 3);
+  }
 }
 
 TEST_F(MapIoTest, DamagedPlyIsRefused) {
@@ -172,6 +175,10 @@ TEST_F(MapIoTest, DamagedPlyIsRefused) {
   const std::string xyz = "property float x\nproperty float y\nproperty float z\nend_header\n";
   const std::string ascii = "ply\nformat ascii 1.0\nelement vertex ";
   EXPECT_THAT(message(ascii + "99999999999999\n" + xyz + "1 2 3\n"), HasSubstr("truncated"));
+  EXPECT_THAT(
+      message("ply\nformat ascii 1.0\nelement face 99999999999999\nproperty list uchar int v\nelement vertex 1\n" +
+              xyz + "1 2 3\n"),
+      HasSubstr("truncated"));
   EXPECT_THAT(message(ascii + "1\n" + xyz + "1 2 three\n"), HasSubstr("\"three\""));
   EXPECT_THAT(message(ascii + "1\nproperty float x\nproperty float y\nend_header\n1 2\n"), HasSubstr("\"z\""));
   EXPECT_THAT(message("ply\nformat binary_big_endian 1.0\n"), HasSubstr("binary_big_endian"));
