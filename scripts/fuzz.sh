@@ -14,6 +14,7 @@ export ACMP_BUILD_DIR=${ACMP_SANITIZE_BUILD_DIR:-$PWD/build_sanitize} PYENV_VERS
 source scripts/build_steps.sh
 configure_sanitized address,undefined,float-cast-overflow
 cmake --build "$build" --parallel "$(nproc)" --target acmp_fuzz_targets
+python3 test/fuzz/make_seeds.py "$build/seeds"
 export build seconds
 names=("$@")
 if [ ${#names[@]} -eq 0 ]; then
@@ -28,7 +29,7 @@ run() {
   TMPDIR=$(mktemp -d -p "$([ -w /dev/shm ] && echo /dev/shm || echo /tmp)")
   export TMPDIR
   "$build/devel/lib/acmp_mapping/fuzz_$1" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
-    -artifact_prefix="$findings/$1/" -verbosity=0 "$build/corpus/$1" "test/fuzz/corpus/$1" >"$findings/$1.log" 2>&1 || true
+    -artifact_prefix="$findings/$1/" -verbosity=0 "$build/corpus/$1" "$build/seeds/$1" >"$findings/$1.log" 2>&1 || true
   rm -rf "$TMPDIR"
 }
 export -f run

@@ -16,18 +16,10 @@ constexpr size_t kHeaderBytes = size_t{4} << 20;
 
 enum class FileKind { kPng, kJpeg };
 
-FileKind DetectKind(const std::filesystem::path& path, std::string_view content) {
+FileKind DetectKind(const std::string& name, std::string_view content) {
   if (content.compare(0, 8, "\x89PNG\r\n\x1a\n") == 0) return FileKind::kPng;
   if (content.compare(0, 3, "\xff\xd8\xff") == 0) return FileKind::kJpeg;
-  throw InvalidInputError(Concat(path.string(), ": neither a PNG nor a JPEG file (", content.size(), " bytes)"));
-}
-
-ColorImage DecodeColor(const std::filesystem::path& path, std::string_view content) {
-  return DetectKind(path, content) == FileKind::kPng ? DecodePngColor(path, content) : DecodeJpeg(path, content);
-}
-
-ImageSize DecodeSize(const std::filesystem::path& path, std::string_view content) {
-  return DetectKind(path, content) == FileKind::kPng ? DecodePngSize(path, content) : DecodeJpegSize(path, content);
+  throw InvalidInputError(Concat(name, ": neither a PNG nor a JPEG file (", content.size(), " bytes)"));
 }
 
 }  // namespace
@@ -46,24 +38,31 @@ void CheckImageSize(const std::filesystem::path& path, uint64_t width, uint64_t 
   }
 }
 
+ImageSize EncodedImageSize(const std::string& name, std::string_view content) {
+  return DetectKind(name, content) == FileKind::kPng ? DecodePngSize(name, content) : DecodeJpegSize(name, content);
+}
+
+ImageSize ReadImageSize(const std::filesystem::path& path) {
+  return EncodedImageSize(path.string(), ReadFileStart(path, kHeaderBytes));
+}
+
+ColorImage DecodeColorImage(const std::string& name, std::string_view content) {
+  return DetectKind(name, content) == FileKind::kPng ? DecodePngColor(name, content) : DecodeJpeg(name, content);
+}
+
 ColorImage ReadColorImage(const std::filesystem::path& path) {
-  const std::string content = ReadWholeFile(path);
-  return DecodeColor(path, content);
+  return DecodeColorImage(path.string(), ReadWholeFile(path));
 }
 
 ColorImage ReadColorImage(const std::filesystem::path& path, const ImageSize& of_camera) {
   const std::string content = ReadWholeFile(path);
-  const ImageSize size = DecodeSize(path, content);
+  const ImageSize size = EncodedImageSize(path.string(), content);
   if (size.width != of_camera.width || size.height != of_camera.height) {
     throw InvalidInputError(Concat(path.string(), ": image size ", size.width, " x ", size.height,
                                    " differs from its camera's ", of_camera.width, " x ", of_camera.height));
   }
-  return DecodeColor(path, content);
+  return DecodeColorImage(path.string(), content);
 }
-
-ImageSize EncodedImageSize(const std::string& name, std::string_view content) { return DecodeSize(name, content); }
-
-ColorImage DecodeColorImage(const std::string& name, std::string_view content) { return DecodeColor(name, content); }
 
 void WriteColorImage(const std::filesystem::path& path, const ColorImage& image) {
   const std::string extension = LowerExtension(path);
@@ -72,10 +71,6 @@ void WriteColorImage(const std::filesystem::path& path, const ColorImage& image)
   } else {
     WritePng(path, image);
   }
-}
-
-ImageSize ReadImageSize(const std::filesystem::path& path) {
-  return DecodeSize(path, ReadFileStart(path, kHeaderBytes));
 }
 
 }  // namespace acmp

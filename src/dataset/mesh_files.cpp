@@ -1,50 +1,31 @@
-#include <algorithm>
-#include <cctype>
-#include <cstdio>
-#include <string>
-
-#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 
 namespace acmp {
-namespace {
-
-/// Writes what snprintf makes of one line's values.
-template <class... Values>
-void WriteLine(AtomicFile* file, const char* format, const Values&... values) {
-  constexpr size_t kLineBytes = 200;
-  char line[kLineBytes];
-  file->Write(line, static_cast<size_t>(std::snprintf(line, sizeof(line), format, values...)));
-}
-
-}  // namespace
 
 void WriteObj(const std::filesystem::path& path, const TriangleMesh& mesh, const Eigen::Vector3d& origin) {
-  const ClassicLocale point;
   AtomicFile file(path, Durability::kPowerCut);
   constexpr double kWhite = 255;
   const int digits = TextDigits(origin);
   for (const SurfacePoint& v : mesh.vertices) {
     const Eigen::Vector3d p = InWorld(origin, v.position);
-    WriteLine(&file, "v %.*g %.*g %.*g %.4f %.4f %.4f\n", digits, p.x(), digits, p.y(), digits, p.z(),
-              v.color.r / kWhite, v.color.g / kWhite, v.color.b / kWhite);
+    file.Print("v %.*g %.*g %.*g %.4f %.4f %.4f\n", digits, p.x(), digits, p.y(), digits, p.z(), v.color.r / kWhite,
+               v.color.g / kWhite, v.color.b / kWhite);
   }
   for (const SurfacePoint& v : mesh.vertices) {
-    WriteLine(&file, "vn %.4f %.4f %.4f\n", v.normal.x, v.normal.y, v.normal.z);
+    file.Print("vn %.4f %.4f %.4f\n", v.normal.x, v.normal.y, v.normal.z);
   }
   for (const auto& triangle : mesh.triangles) {
     const unsigned a = triangle[0] + 1, b = triangle[1] + 1, c = triangle[2] + 1;  // counted from 1
-    WriteLine(&file, "f %u//%u %u//%u %u//%u\n", a, a, b, b, c, c);
+    file.Print("f %u//%u %u//%u %u//%u\n", a, a, b, b, c, c);
   }
   file.Commit();
 }
 
 MeshFormat MeshFormatOf(const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = LowerExtension(path);
   if (extension == ".ply") return MeshFormat::kPly;
   if (extension == ".obj") return MeshFormat::kObj;
   throw InvalidInputError(Concat("mesh ", path, ": must end with .ply or .obj"));

@@ -6,11 +6,13 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdarg>
 #include <cstdio>
 #include <cstring>
 #include <iomanip>
 #include <system_error>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
@@ -82,6 +84,15 @@ AtomicFile::~AtomicFile() {
 
 void AtomicFile::Write(const void* data, size_t bytes) {
   if (bytes > 0 && std::fwrite(data, 1, bytes, file_.get()) != bytes) Fail("cannot write");
+}
+
+void AtomicFile::Print(const char* format, ...) {
+  const ClassicLocale point;
+  std::va_list values;
+  va_start(values, format);
+  const int length = std::vfprintf(file_.get(), format, values);
+  va_end(values);
+  if (length < 0) Fail("cannot write");
 }
 
 void AtomicFile::WriteAt(size_t offset, const void* data, size_t bytes) {

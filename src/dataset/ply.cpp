@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cstdio>
 #include <cstring>
 #include <map>
 
@@ -56,15 +55,6 @@ struct Element {
   std::string name;
   uint64_t count = 0;
   std::vector<Property> properties;
-
-  bool HasList() const {
-    return std::any_of(properties.begin(), properties.end(), [](const Property& p) { return p.is_list; });
-  }
-  uint64_t Bytes() const {
-    uint64_t bytes = 0;
-    for (const Property& property : properties) bytes += property.type.bytes;
-    return bytes;
-  }
 };
 
 struct PlyHeader {
@@ -138,15 +128,31 @@ double ReadAsciiValue(BinaryReader* file) {
   return value;
 }
 
-/// Leaves out an element before the vertices.
-void Skip(BinaryReader* file, bool ascii, const Element& element) {
-  if (ascii) {
-    for (uint64_t i = 0; i < element.count; ++i) file->ReadLine(kMaxPlyLine, "PLY body");
-    return;
+double ReadValue(BinaryReader* file, bool ascii, const Type& type) {
+  return ascii ? ReadAsciiValue(file) : type.read(file);
+}
+
+/// Reads a record of an element. Calls visit(place of the property, value) for each number; for a list for its length,
+/// then for what is in it.
+template <class Visit>
+void ReadRecord(BinaryReader* file, bool ascii, const Element& element, const Visit& visit) {
+  for (size_t i = 0; i < element.properties.size(); ++i) {
+    const Property& property = element.properties[i];
+    double count = 1;
+    if (property.is_list) {
+      count = ReadValue(file, ascii, property.count_type);
+      visit(i, count);
+    }
+    for (double n = 0; n < count; ++n) visit(i, ReadValue(file, ascii, property.type));
   }
-  if (element.HasList()) file->Fail(Concat("PLY element \"", element.name, "\" has lists: must follow the vertices"));
-  file->ExpectRemaining(element.count, std::max<uint64_t>(1, element.Bytes()), "PLY body");
-  file->Skip(element.count * element.Bytes(), "PLY body");
+}
+
+/// Catches corrupt counts before memory is asked for, or time.
+void CheckRecordCount(const BinaryReader& file, bool ascii, const Element& element) {
+  // A number in text takes two bytes, the last one in the file one.
+  uint64_t bytes = ascii ? 2 * element.properties.size() - 1 : 0;
+  for (const Property& p : element.properties) bytes += ascii ? 0 : p.is_list ? p.count_type.bytes : p.type.bytes;
+  if (!element.properties.empty()) file.ExpectRemaining(element.count, bytes, "PLY body");
 }
 
 constexpr std::array<const char*, 10> kFields = {"x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "confidence"};
@@ -155,7 +161,7 @@ unsigned char ToByte(double value) {
   return static_cast<unsigned char>(value < 0 ? 0 : value > 255 ? 255 : value + 0.5);
 }
 
-SurfacePoint ToPoint(const std::array<double, kFields.size()>& v, ReadOrigin* origin) {
+SurfacePoint ToPoint(const std::array<double, kFields.size() + 1>& v, ReadOrigin* origin) {
   const auto vector = [&v](size_t i) {
     return Vec3f{static_cast<float>(v[i]), static_cast<float>(v[i + 1]), static_cast<float>(v[i + 2])};
   };
@@ -166,63 +172,46 @@ SurfacePoint ToPoint(const std::array<double, kFields.size()>& v, ReadOrigin* or
 }
 
 PointCloud ReadVertices(BinaryReader* file, bool ascii, const Element& element, ReadOrigin* origin) {
-  if (element.HasList()) file->Fail("PLY vertex has a list: must be single numbers");
   std::vector<size_t> fields;  // of each property: its place in kFields, or the end
   for (const Property& property : element.properties) {
+    if (property.is_list) file->Fail("PLY vertex has a list: must be single numbers");
     fields.push_back(static_cast<size_t>(std::find(kFields.begin(), kFields.end(), property.name) - kFields.begin()));
   }
   for (size_t field = 0; field < 3; ++field) {
     if (std::count(fields.begin(), fields.end(), field) > 0) continue;
     file->Fail(Concat("PLY vertex has no property \"", kFields[field], "\""));
   }
-  // Catches corrupt counts before memory is asked for. A number in text takes two bytes, the last one in the file one.
-  const uint64_t bytes = ascii ? 2 * fields.size() - 1 : element.Bytes();
-  file->ExpectRemaining(element.count, bytes, "PLY body");
   PointCloud points;
   points.reserve(element.count);
   for (uint64_t i = 0; i < element.count; ++i) {
-    std::array<double, kFields.size()> values = {};
-    for (size_t p = 0; p < fields.size(); ++p) {
-      const double value = ascii ? ReadAsciiValue(file) : element.properties[p].type.read(file);
-      if (fields[p] < values.size()) values[fields[p]] = value;
-    }
+    std::array<double, kFields.size() + 1> values = {};  // the last one: of other properties
+    ReadRecord(file, ascii, element, [&](size_t property, double value) { values[fields[property]] = value; });
     points.push_back(ToPoint(values, origin));
   }
   return points;
 }
 
-double ReadValue(BinaryReader* file, bool ascii, const Type& type) {
-  return ascii ? ReadAsciiValue(file) : type.read(file);
-}
-
-/// The vertices of a face, cut into triangles from its first one.
-void ReadFace(BinaryReader* file, bool ascii, const Property& list, TriangleMesh* mesh) {
-  const double corners = ReadValue(file, ascii, list.count_type);
-  if (!(corners >= 3 && corners <= 255)) file->Fail(Concat("PLY face of ", corners, " vertices: must be 3 to 255"));
+/// A face: the vertices of its list, cut into triangles from the first one.
+void ReadFace(BinaryReader* file, bool ascii, const Element& element, TriangleMesh* mesh) {
+  double corners = 0;
+  int read = 0;
   std::array<uint32_t, 3> triangle = {};
-  for (int i = 0; i < corners; ++i) {
-    const double vertex = ReadValue(file, ascii, list.type);
-    if (!(vertex >= 0 && vertex < static_cast<double>(mesh->vertices.size()))) {
-      file->Fail(Concat("PLY face with vertex ", vertex, ": must be 0 to ", mesh->vertices.size(), " - 1"));
+  ReadRecord(file, ascii, element, [&](size_t i, double value) {
+    const Property& property = element.properties[i];
+    if (!property.is_list || property.name.rfind("vertex_ind", 0) != 0) return;  // _indices or _index
+    if (corners == 0) {
+      corners = value;
+      if (!(corners >= 3 && corners <= 255)) file->Fail(Concat("PLY face of ", corners, " vertices: must be 3 to 255"));
+      return;
     }
-    triangle[std::min(i, 2)] = static_cast<uint32_t>(vertex);
-    if (i < 2) continue;
+    if (!(value >= 0 && value < static_cast<double>(mesh->vertices.size()))) {
+      file->Fail(Concat("PLY face with vertex ", value, ": must be 0 to ", mesh->vertices.size(), " - 1"));
+    }
+    triangle[std::min(read, 2)] = static_cast<uint32_t>(value);
+    if (++read < 3) return;
     mesh->triangles.push_back(triangle);
     triangle[1] = triangle[2];
-  }
-}
-
-void ReadFaces(BinaryReader* file, bool ascii, const Element& element, TriangleMesh* mesh) {
-  for (uint64_t i = 0; i < element.count; ++i) {
-    for (const Property& property : element.properties) {
-      if (property.is_list && property.name.rfind("vertex_ind", 0) == 0) {  // _indices or _index
-        ReadFace(file, ascii, property, mesh);
-        continue;
-      }
-      const double count = property.is_list ? ReadValue(file, ascii, property.count_type) : 1;
-      for (double n = 0; n < count; ++n) ReadValue(file, ascii, property.type);
-    }
-  }
+  });
 }
 
 /// @param faces as well: else none
@@ -234,15 +223,19 @@ TriangleMesh ReadElements(const std::filesystem::path& path, bool faces, ReadOri
   TriangleMesh mesh;
   bool has_vertices = false;
   for (const Element& element : header.elements) {
+    if (has_vertices && !(faces && element.name == "face")) break;
+    CheckRecordCount(file, ascii, element);
     if (element.name == "vertex") {
       mesh.vertices = ReadVertices(&file, ascii, element, origin);
       has_vertices = true;
-      if (!faces) break;
-    } else if (has_vertices) {
-      if (element.name == "face") ReadFaces(&file, ascii, element, &mesh);
-      break;
-    } else {
-      Skip(&file, ascii, element);
+      continue;
+    }
+    for (uint64_t i = 0; i < element.count && !element.properties.empty(); ++i) {
+      if (has_vertices) {
+        ReadFace(&file, ascii, element, &mesh);
+      } else {
+        ReadRecord(&file, ascii, element, [](size_t, double) {});
+      }
     }
   }
   if (!has_vertices) file.Fail("PLY file without a vertex element");
@@ -302,17 +295,12 @@ void MakeRecords(const std::vector<Item>& items, const Eigen::Vector3d& origin, 
 }
 
 void WriteTextPly(const PointCloud& points, const Eigen::Vector3d& origin, AtomicFile* file) {
-  const ClassicLocale point;
   file->Write(MakeHeader(points.size(), origin, "", "", "ascii"));
   const int digits = TextDigits(origin);
   for (const SurfacePoint& p : points) {
     const Eigen::Vector3d position = InWorld(origin, p.position);
-    constexpr size_t kLineBytes = 200;
-    char line[kLineBytes];
-    const int length = std::snprintf(line, sizeof(line), "%.*g %.*g %.*g %.9g %.9g %.9g %d %d %d %.9g\n", digits,
-                                     position.x(), digits, position.y(), digits, position.z(), p.normal.x, p.normal.y,
-                                     p.normal.z, p.color.r, p.color.g, p.color.b, p.confidence);
-    file->Write(line, static_cast<size_t>(length));
+    file->Print("%.*g %.*g %.*g %.9g %.9g %.9g %d %d %d %.9g\n", digits, position.x(), digits, position.y(), digits,
+                position.z(), p.normal.x, p.normal.y, p.normal.z, p.color.r, p.color.g, p.color.b, p.confidence);
   }
 }
 

@@ -5,14 +5,12 @@
 #include <cstdint>
 #include <limits>
 #include <unordered_map>
-#include <unordered_set>
 
 #include <tbb/parallel_for.h>
 #include <nanoflann.hpp>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/fusion/kernel/match_pixel.h"
-#include "acmp_mapping/geometry/voxel.h"
 
 namespace acmp {
 namespace {
@@ -172,27 +170,12 @@ std::vector<CloudMetrics> EvaluateCloud(const PointCloud& reconstruction, const 
   return metrics;
 }
 
-struct ObservedSurface::OccupiedVoxels {
-  std::unordered_set<Voxel, VoxelHash> voxels;
-};
-
 ObservedSurface::ObservedSurface(const PointCloud& reconstruction, double spacing, double tolerance)
-    : reconstruction_(reconstruction),
-      spacing_(spacing),
-      tolerance_(tolerance),
-      observed_(reconstruction.size()),
-      occupied_(std::make_unique<OccupiedVoxels>()) {
+    : reconstruction_(reconstruction), spacing_(spacing), tolerance_(tolerance), observed_(reconstruction.size()) {
   CheckPositive("spacing", spacing);
   CheckPositive("tolerance", tolerance);
-  for (size_t i = 0; i < reconstruction.size(); ++i) {
-    const Vec3f& p = reconstruction[i].position;
-    if (std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z)) continue;
-    throw InvalidInputError(
-        Concat("reconstruction: point ", i, " = (", p.x, ", ", p.y, ", ", p.z, "): coordinates must be finite"));
-  }
+  CheckCloud("reconstruction", reconstruction, spacing);
 }
-
-ObservedSurface::~ObservedSurface() = default;
 
 void ObservedSurface::Add(const DepthMap& depth, const PinholeCamera& camera, const RigidTransform& cam_from_world) {
   if (depth.width() != camera.width || depth.height() != camera.height) {
@@ -217,7 +200,7 @@ void ObservedSurface::AddPoints(const DepthMap& depth, const PinholeCamera& came
                                        ", ", p.y(), ", ", p.z(), "): coordinates must be at most ", kMaxVoxels,
                                        " spacings of ", spacing_, " from 0"));
       }
-      if (occupied_->voxels.insert(VoxelOf(point.position, spacing_, 0.0)).second) cloud_.push_back(point);
+      if (occupied_.insert(VoxelOf(point.position, spacing_, 0.0)).second) cloud_.push_back(point);
     }
   }
 }
@@ -238,9 +221,7 @@ void ObservedSurface::MarkObserved(const DepthMap& depth, const PinholeCamera& c
 }
 
 PointCloud SampleMesh(const TriangleMesh& mesh, double spacing) {
-  if (!(spacing > 0 && std::isfinite(spacing))) {
-    throw InvalidInputError(Concat("spacing = ", spacing, ": must be > 0 and finite"));
-  }
+  CheckPositive("spacing", spacing);
   double count = 0;
   for (const auto& triangle : mesh.triangles) count += std::pow(PartsOf(mesh, triangle, spacing), 2);
   if (!(count < std::numeric_limits<int32_t>::max())) {

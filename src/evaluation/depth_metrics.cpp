@@ -33,34 +33,28 @@ double MedianOrNan(std::vector<float>* values) {
   return 0.5f * (*std::max_element(values->begin(), middle) + *middle);
 }
 
-// Mean over the values that are not NaN.
-class NanMean {
- public:
-  void Add(double value) {
-    if (std::isnan(value)) return;
-    sum_ += value;
-    ++count_;
+// Calls visit(true depth, estimated depth) for all pixels with ground truth where the mask, if there is one, is not 0.
+template <class Visit>
+void ForEachTruePixel(const DepthMap& estimate, const DepthMap& ground_truth, ImageView<const unsigned char> mask,
+                      const Visit& visit) {
+  const std::vector<int> cols = NearestPixels(estimate.width(), ground_truth.width());
+  const std::vector<int> rows = NearestPixels(estimate.height(), ground_truth.height());
+  for (int row = 0; row < ground_truth.height(); ++row) {
+    for (int col = 0; col < ground_truth.width(); ++col) {
+      const float truth = ground_truth(col, row);
+      if (!IsKnown(truth) || (!mask.empty() && mask(col, row) == 0)) continue;
+      visit(truth, estimate.empty() ? 0.0f : estimate(cols[col], rows[row]));
+    }
   }
-  double Get() const { return count_ == 0 ? kNan : sum_ / count_; }
-
- private:
-  double sum_ = 0;
-  size_t count_ = 0;
-};
+}
 
 }  // namespace
 
 double MedianScale(const DepthMap& estimate, const DepthMap& ground_truth) {
-  if (estimate.empty()) return 1;
-  const std::vector<int> cols = NearestPixels(estimate.width(), ground_truth.width());
-  const std::vector<int> rows = NearestPixels(estimate.height(), ground_truth.height());
   std::vector<float> ratios;
-  for (int row = 0; row < ground_truth.height(); ++row) {
-    for (int col = 0; col < ground_truth.width(); ++col) {
-      const float truth = ground_truth(col, row), depth = estimate(cols[col], rows[row]);
-      if (IsKnown(truth) && IsKnown(depth)) ratios.push_back(truth / depth);
-    }
-  }
+  ForEachTruePixel(estimate, ground_truth, {}, [&](float truth, float depth) {
+    if (IsKnown(depth)) ratios.push_back(truth / depth);
+  });
   return ratios.empty() ? 1 : MedianOrNan(&ratios);
 }
 
@@ -69,24 +63,17 @@ void DepthErrors::Add(const DepthMap& estimate, const DepthMap& ground_truth, Im
     throw InvalidInputError(Concat("mask size ", mask.width, " x ", mask.height, ": must be the ground truth's, ",
                                    ground_truth.width(), " x ", ground_truth.height()));
   }
-  const std::vector<int> cols = NearestPixels(estimate.width(), ground_truth.width());
-  const std::vector<int> rows = NearestPixels(estimate.height(), ground_truth.height());
-  for (int row = 0; row < ground_truth.height(); ++row) {
-    for (int col = 0; col < ground_truth.width(); ++col) {
-      const float truth = ground_truth(col, row);
-      if (!IsKnown(truth) || (!mask.empty() && mask(col, row) == 0)) continue;
-      ++ground_truth_pixels_;
-      const float depth = estimate.empty() ? 0.0f : estimate(cols[col], rows[row]);
-      if (!IsKnown(depth)) continue;
-      // In float like the maps: with millimetre files many errors lie exactly on a threshold, and rounding decides.
-      const float error = std::abs(depth - truth);
-      errors_.push_back(error);
-      for (size_t i = 0; i < kAbsoluteThresholds.size(); ++i) {
-        below_absolute_[i] += error < static_cast<float>(kAbsoluteThresholds[i]);
-        below_relative_[i] += error < static_cast<float>(kRelativeThresholds[i]) * truth;
-      }
+  ForEachTruePixel(estimate, ground_truth, mask, [&](float truth, float depth) {
+    ++ground_truth_pixels_;
+    if (!IsKnown(depth)) return;
+    // In float like the maps: with millimetre files many errors lie exactly on a threshold, and rounding decides.
+    const float error = std::abs(depth - truth);
+    errors_.push_back(error);
+    for (size_t i = 0; i < kAbsoluteThresholds.size(); ++i) {
+      below_absolute_[i] += error < static_cast<float>(kAbsoluteThresholds[i]);
+      below_relative_[i] += error < static_cast<float>(kRelativeThresholds[i]) * truth;
     }
-  }
+  });
 }
 
 DepthMetrics DepthErrors::Metrics() const {
@@ -113,26 +100,25 @@ DepthMetrics EvaluateDepth(const DepthMap& estimate, const DepthMap& ground_trut
 }
 
 DepthMetrics Mean(const std::vector<DepthMetrics>& metrics) {
-  std::array<NanMean, 3> absolute, relative;
-  NanMean density, median, pixels;
-  for (const DepthMetrics& image : metrics) {
-    if (image.ground_truth_pixels == 0) continue;
-    pixels.Add(static_cast<double>(image.ground_truth_pixels));
-    for (size_t i = 0; i < absolute.size(); ++i) {
-      absolute[i].Add(image.below_absolute[i]);
-      relative[i].Add(image.below_relative[i]);
+  const auto mean_of = [&](const auto& figure) {
+    double sum = 0;
+    size_t count = 0;
+    for (const DepthMetrics& image : metrics) {
+      if (image.ground_truth_pixels == 0 || std::isnan(figure(image))) continue;
+      sum += figure(image);
+      ++count;
     }
-    density.Add(image.density);
-    median.Add(image.median_error);
-  }
+    return count == 0 ? kNan : sum / count;
+  };
   DepthMetrics mean;
-  mean.ground_truth_pixels = std::isnan(pixels.Get()) ? 0 : static_cast<size_t>(pixels.Get());
-  for (size_t i = 0; i < absolute.size(); ++i) {
-    mean.below_absolute[i] = absolute[i].Get();
-    mean.below_relative[i] = relative[i].Get();
+  const double pixels = mean_of([](const DepthMetrics& m) { return static_cast<double>(m.ground_truth_pixels); });
+  mean.ground_truth_pixels = std::isnan(pixels) ? 0 : static_cast<size_t>(pixels);
+  for (size_t i = 0; i < kAbsoluteThresholds.size(); ++i) {
+    mean.below_absolute[i] = mean_of([i](const DepthMetrics& m) { return m.below_absolute[i]; });
+    mean.below_relative[i] = mean_of([i](const DepthMetrics& m) { return m.below_relative[i]; });
   }
-  mean.density = density.Get();
-  mean.median_error = median.Get();
+  mean.density = mean_of([](const DepthMetrics& m) { return m.density; });
+  mean.median_error = mean_of([](const DepthMetrics& m) { return m.median_error; });
   return mean;
 }
 

@@ -154,34 +154,34 @@ std::vector<KeyframeKey> MapStore::Around(const KeyframeKey& key) const {
 }
 
 bool MapStore::LookAroundNext() {
-  struct Neighbour {
+  struct Looked {
     KeyframeKey key;
     Keyframe keyframe;
+    std::shared_ptr<const PointCloud> points_before;
   };
-  KeyframeKey key;
-  Keyframe added;
-  std::vector<Neighbour> around;
+  std::vector<Looked> all(1);  // the keyframe that looks, as it was added, and those around it
   double voxel_size = 0;
   {
     std::lock_guard<std::mutex> lock(mutex_);
     Keyframes::iterator found = keyframes_.end();
     for (; !to_look_.empty() && found == keyframes_.end(); to_look_.pop_front()) {
-      key = to_look_.front();
-      found = keyframes_.find(key);
+      all[0].key = to_look_.front();
+      found = keyframes_.find(all[0].key);
       if (found != keyframes_.end() && !found->second.to_look) found = keyframes_.end();
     }
     if (found == keyframes_.end()) return false;
     const std::shared_ptr<const ToLook> as_added = std::move(found->second.to_look);
+    Keyframe& added = all[0].keyframe;
     added.pose = found->second.pose;
     added.as_sent = as_added->as_sent;
-    added.points_in_camera = as_added->points_in_camera;
+    added.points_in_camera = all[0].points_before = as_added->points_in_camera;
     added.later_views.resize(added.points_in_camera->size());
     voxel_size = VoxelSize();
     for (const KeyframeKey& other : as_added->around) {
       const auto neighbour = keyframes_.find(other);
       // One that was replaced since then would have forgotten this look.
       if (neighbour == keyframes_.end() || neighbour->second.points_arrival > found->second.arrival) continue;
-      around.push_back({other, neighbour->second});
+      all.push_back({other, neighbour->second, neighbour->second.points_in_camera});
     }
   }
   const auto seen_by = [&](const Keyframe& keyframe) {
@@ -194,31 +194,25 @@ bool MapStore::LookAroundNext() {
       earlier->points_in_camera = std::move(points);
     }
   };
+  Keyframe& added = all[0].keyframe;
   const SeenDepth seen = seen_by(added);
-  const std::shared_ptr<const PointCloud> points_before = added.points_in_camera;
-  std::vector<std::shared_ptr<const PointCloud>> before;
-  for (Neighbour& neighbour : around) {
-    before.push_back(neighbour.keyframe.points_in_camera);
-    if (neighbour.keyframe.pose.stamp_ns < added.pose.stamp_ns) {
-      take(seen, added, &neighbour.keyframe);
-    } else if (neighbour.keyframe.pose.stamp_ns > added.pose.stamp_ns) {
-      take(seen_by(neighbour.keyframe), neighbour.keyframe, &added);
-    }
+  for (size_t i = 1; i < all.size(); ++i) {
+    Keyframe& other = all[i].keyframe;
+    if (other.pose.stamp_ns < added.pose.stamp_ns) take(seen, added, &other);
+    if (other.pose.stamp_ns > added.pose.stamp_ns) take(seen_by(other), other, &added);
   }
   std::lock_guard<std::mutex> lock(mutex_);
-  const auto put_back = [&](const KeyframeKey& of, const std::shared_ptr<const PointCloud>& old, Keyframe* changed) {
-    const auto keyframe = keyframes_.find(of);
-    // It may have gone meanwhile.
-    if (changed->points_in_camera == old || keyframe == keyframes_.end() || keyframe->second.points_in_camera != old) {
-      return;
-    }
-    statistics_.looked_through += old->size() - changed->points_in_camera->size();
-    statistics_.points -= old->size() - changed->points_in_camera->size();
-    keyframe->second.points_in_camera = std::move(changed->points_in_camera);
-    keyframe->second.later_views = std::move(changed->later_views);
-  };
-  put_back(key, points_before, &added);
-  for (size_t i = 0; i < around.size(); ++i) put_back(around[i].key, before[i], &around[i].keyframe);
+  for (Looked& looked : all) {
+    const std::shared_ptr<const PointCloud>& before = looked.points_before;
+    const auto keyframe = keyframes_.find(looked.key);
+    const bool is_changed = looked.keyframe.points_in_camera != before;
+    // It may have gone meanwhile, or have other points.
+    if (!is_changed || keyframe == keyframes_.end() || keyframe->second.points_in_camera != before) continue;
+    statistics_.looked_through += before->size() - looked.keyframe.points_in_camera->size();
+    statistics_.points -= before->size() - looked.keyframe.points_in_camera->size();
+    keyframe->second.points_in_camera = std::move(looked.keyframe.points_in_camera);
+    keyframe->second.later_views = std::move(looked.keyframe.later_views);
+  }
   return true;
 }
 

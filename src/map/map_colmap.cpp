@@ -1,4 +1,4 @@
-#include "acmp_mapping/map/map_colmap.h"
+// A map as a COLMAP model.
 
 #include <algorithm>
 #include <cstdio>
@@ -11,6 +11,7 @@
 #include "acmp_mapping/dataset/colmap_workspace.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/fusion/voxel_map.h"
+#include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/mesh/splat_points.h"
 
 namespace acmp {

@@ -2,17 +2,19 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <string>
 #include <system_error>
 #include <vector>
 
-#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/median.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "acmp_mapping/fusion/voxel_map.h"
+#include "acmp_mapping/mesh/distance_volume.h"
+#include "acmp_mapping/mesh/splat_points.h"
 
 namespace acmp {
 namespace {
@@ -39,8 +41,6 @@ void CheckName(const fs::path& path, const fs::path& home) {
   }
 }
 
-constexpr size_t kLineBytes = 200;  ///< of a point in a text file
-
 bool IsWide(const MapCloud& map) { return !map.origin.isZero(0); }
 
 std::string PcdHeader(const MapCloud& map, const char* types, const char* data) {
@@ -54,18 +54,14 @@ std::string PcdHeader(const MapCloud& map, const char* types, const char* data) 
 
 /// Colours are whole numbers here, as PCL writes them.
 void WriteAsciiPcd(const fs::path& path, const MapCloud& map) {
-  const ClassicLocale point;
   AtomicFile file(path, Durability::kPowerCut);
   file.Write(PcdHeader(map, "F F F U F F F F", "ascii"));
   const int digits = TextDigits(map.origin);
   for (const SurfacePoint& p : map.points) {
     const unsigned rgb = (unsigned{p.color.r} << 16) | (unsigned{p.color.g} << 8) | p.color.b;
     const Eigen::Vector3d position = InWorld(map.origin, p.position);
-    char line[kLineBytes];
-    const int length =
-        std::snprintf(line, sizeof(line), "%.*g %.*g %.*g %u %.9g %.9g %.9g %.9g\n", digits, position.x(), digits,
-                      position.y(), digits, position.z(), rgb, p.normal.x, p.normal.y, p.normal.z, p.confidence);
-    file.Write(line, static_cast<size_t>(length));
+    file.Print("%.*g %.*g %.*g %u %.9g %.9g %.9g %.9g\n", digits, position.x(), digits, position.y(), digits,
+               position.z(), rgb, p.normal.x, p.normal.y, p.normal.z, p.confidence);
   }
   file.Commit();
 }
@@ -92,6 +88,31 @@ void WriteBinaryPcd(const fs::path& path, const MapCloud& map) {
 }
 
 }  // namespace
+
+MapMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options) {
+  const PlacedKeyframes placed = map.Placed();
+  if (placed.keyframes.empty() || !(placed.voxel_size > 0)) {
+    throw InvalidInputError("the map is empty: there is no mesh");
+  }
+  std::vector<double> spacings;
+  for (const PlacedKeyframe& keyframe : placed.keyframes) {
+    spacings.push_back(keyframe.scale * PointSpacing(*keyframe.points_in_camera, placed.voxel_size));
+  }
+  const double voxel_size = std::max(Median(spacings), placed.voxel_size);
+  DistanceVolume volume(
+      {options.voxel_size > 0 ? options.voxel_size : voxel_size, options.max_bytes, kMinMeshConfidence});
+  for (size_t i = 0; i < spacings.size(); ++i) {
+    const PlacedKeyframe& keyframe = placed.keyframes[i];
+    options.check();
+    if (spacings[i] == 0) continue;
+    const PointCloud& points = *keyframe.points_in_camera;
+    const SurfaceMaps maps = keyframe.scale == 1
+                                 ? SplatPoints(points, keyframe.world_from_cam, spacings[i])
+                                 : SplatPoints(Scaled(points, keyframe.scale), keyframe.world_from_cam, spacings[i]);
+    if (!maps.depth.empty()) volume.Integrate(maps.View());
+  }
+  return {volume.ExtractMesh(), placed.origin, placed.keyframes.size()};
+}
 
 fs::path MapPathBelow(const fs::path& folder, const fs::path& path, const std::string& ending) {
   std::error_code error;

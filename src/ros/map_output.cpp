@@ -12,8 +12,6 @@
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/map/map_colmap.h"
-#include "acmp_mapping/map/map_mesh.h"
 #include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/ros/output_conversion.h"

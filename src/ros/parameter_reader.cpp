@@ -3,7 +3,6 @@
 #include <optional>
 #include <utility>
 
-#include "acmp_mapping/common/edit_distance.h"
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {

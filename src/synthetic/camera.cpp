@@ -4,8 +4,6 @@
 #include <cmath>
 #include <utility>
 
-#include <tbb/parallel_for.h>
-
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 
@@ -93,13 +91,11 @@ ColorD WeightedSum(const ColorD& before, const ColorD& here, const ColorD& after
 // One pass along both axes; the result is one pixel smaller on each side.
 Image<ColorD> BlurOnce(const Image<ColorD>& in, double side) {
   Image<ColorD> rows(in.width() - 2, in.height());
-  tbb::parallel_for(0, rows.height(), [&](int v) {
-    for (int u = 0; u < rows.width(); ++u) rows(u, v) = WeightedSum(in(u, v), in(u + 1, v), in(u + 2, v), side);
-  });
+  ForEachPixel(rows.width(), rows.height(),
+               [&](int u, int v) { rows(u, v) = WeightedSum(in(u, v), in(u + 1, v), in(u + 2, v), side); });
   Image<ColorD> out(rows.width(), rows.height() - 2);
-  tbb::parallel_for(0, out.height(), [&](int v) {
-    for (int u = 0; u < out.width(); ++u) out(u, v) = WeightedSum(rows(u, v), rows(u, v + 1), rows(u, v + 2), side);
-  });
+  ForEachPixel(out.width(), out.height(),
+               [&](int u, int v) { out(u, v) = WeightedSum(rows(u, v), rows(u, v + 1), rows(u, v + 2), side); });
   return out;
 }
 

@@ -30,7 +30,7 @@ Vec3d PointInCamera(const CameraPose& pose, const Vec3d& point) {
 }
 
 // Pixel of a point when it is in view and nothing stands before it.
-bool Observes(const LandmarkView& view, const Vec3d& truth, int* col, int* row) {
+bool Observes(const SyntheticWorld& world, const Rendering& view, const Vec3d& truth, int* col, int* row) {
   constexpr double kTolerance_m = 1e-3;  // the point itself is hit at the same depth up to float rounding
   constexpr double kMinCosine = 0.2;     // flatter than 11 degrees no frontend matches it
   const Vec3d p = PointInCamera(view.pose, truth);
@@ -41,7 +41,7 @@ bool Observes(const LandmarkView& view, const Vec3d& truth, int* col, int* row) 
   if (u < window || v < window || u > view.camera.width - 1 - window || v > view.camera.height - 1 - window)
     return false;
   const Ray ray = {view.pose.center, truth - view.pose.center};
-  const WorldHit hit = Trace(*view.world, ray);
+  const WorldHit hit = Trace(world, ray);
   const double distance = Norm(ray.direction);
   if (hit.where.t * distance < distance - kTolerance_m) return false;
   if (-Dot(hit.where.normal, ray.direction) < kMinCosine * distance) return false;
@@ -71,12 +71,12 @@ double CornerScore(const ColorImage& image, int col, int row, int window) {
   return smaller / ((2 * window + 1) * (2 * window + 1));
 }
 
-bool OnTexturedSurface(const LandmarkView& view, int col, int row) {
+bool OnTexturedSurface(const Rendering& view, int col, int row) {
   const int window = HalfWindow(view.camera);
-  const double depth = (*view.depth)(col, row);
+  const double depth = view.depth(col, row);
   for (int v = row - window; v <= row + window; ++v) {
     for (int u = col - window; u <= col + window; ++u) {
-      if ((*view.low_texture)(u, v) || std::abs((*view.depth)(u, v) - depth) > kMaxDepthStep * depth) return false;
+      if (view.low_texture(u, v) || std::abs(view.depth(u, v) - depth) > kMaxDepthStep * depth) return false;
     }
   }
   return true;
@@ -84,7 +84,8 @@ bool OnTexturedSurface(const LandmarkView& view, int col, int row) {
 
 class LandmarkMaker {
  public:
-  LandmarkMaker(const std::vector<LandmarkView>& views, uint32_t seed) : views_(views), seed_(seed) {
+  LandmarkMaker(const SyntheticWorld& world, const std::vector<Rendering>& views, uint32_t seed)
+      : world_(world), views_(views), seed_(seed) {
     for (size_t i = 0; i < views_.size(); ++i) AddCorners(i);
   }
 
@@ -93,7 +94,7 @@ class LandmarkMaker {
     tbb::parallel_for(size_t{0}, views_.size(), [&](size_t view) {
       int col, row;
       for (size_t i = 0; i < landmarks_.size(); ++i)
-        seen[view][i] = Observes(views_[view], landmarks_[i].truth, &col, &row);
+        seen[view][i] = Observes(world_, views_[view], landmarks_[i].truth, &col, &row);
     });
     const int min_views = views_.size() > 2 ? 3 : 2;
     std::vector<std::vector<Eigen::Vector3d>> observed(views_.size());
@@ -111,14 +112,14 @@ class LandmarkMaker {
 
  private:
   void AddCorners(size_t view_index) {
-    const LandmarkView& view = views_[view_index];
+    const Rendering& view = views_[view_index];
     const int cell_px = std::max(2 * HalfWindow(view.camera), view.camera.width / kCellsAcross);
     const int cells_x = (view.camera.width + cell_px - 1) / cell_px;
     const int cells_y = (view.camera.height + cell_px - 1) / cell_px;
     std::vector<char> taken(static_cast<size_t>(cells_x) * cells_y);
     for (const Landmark& landmark : landmarks_) {
       int col, row;
-      if (Observes(view, landmark.truth, &col, &row))
+      if (Observes(world_, view, landmark.truth, &col, &row))
         taken[static_cast<size_t>(row / cell_px) * cells_x + col / cell_px] = 1;
     }
     for (int cell = 0; cell < cells_x * cells_y; ++cell) {
@@ -126,7 +127,7 @@ class LandmarkMaker {
     }
   }
 
-  void AddBestCorner(const LandmarkView& view, int first_col, int first_row, int cell_px) {
+  void AddBestCorner(const Rendering& view, int first_col, int first_row, int cell_px) {
     const int window = HalfWindow(view.camera);
     const int border = window + 1;
     const int col_end = std::min(first_col + cell_px, view.camera.width - border);
@@ -135,7 +136,7 @@ class LandmarkMaker {
     int best_col = -1, best_row = -1;
     for (int row = std::max(first_row, border); row < row_end; ++row) {
       for (int col = std::max(first_col, border); col < col_end; ++col) {
-        const double score = CornerScore(*view.color, col, row, window);
+        const double score = CornerScore(view.color, col, row, window);
         if (score <= best_score || !OnTexturedSurface(view, col, row)) continue;
         best_score = score;
         best_col = col;
@@ -144,22 +145,24 @@ class LandmarkMaker {
     }
     if (best_col < 0) return;
     const Ray ray = PixelRay(view.camera, view.pose, best_col, best_row);
-    const Vec3d truth = ray.origin + Trace(*view.world, ray).where.t * ray.direction;
+    const Vec3d truth = ray.origin + Trace(world_, ray).where.t * ray.direction;
     RandomStream random(seed_, static_cast<uint32_t>(landmarks_.size()), 0x1a4d);
     const Vec3d error = {BellNoise(&random, kNoise_m), BellNoise(&random, kNoise_m),
                          BellNoise(&random, kNoise_m)};  // braces fix the order of draws
     landmarks_.push_back({truth, truth + error});
   }
 
-  const std::vector<LandmarkView>& views_;
+  const SyntheticWorld& world_;
+  const std::vector<Rendering>& views_;
   uint32_t seed_;
   std::vector<Landmark> landmarks_;
 };
 
 }  // namespace
 
-std::vector<std::vector<Eigen::Vector3d>> MakeLandmarks(const std::vector<LandmarkView>& views, uint32_t seed) {
-  return LandmarkMaker(views, seed).ObservedByView();
+std::vector<std::vector<Eigen::Vector3d>> MakeLandmarks(const SyntheticWorld& world,
+                                                        const std::vector<Rendering>& views, uint32_t seed) {
+  return LandmarkMaker(world, views, seed).ObservedByView();
 }
 
 }  // namespace acmp

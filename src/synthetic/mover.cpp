@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include <tbb/parallel_for.h>
-
 #include "camera.h"
 
 namespace acmp {
@@ -48,19 +46,15 @@ Mask MaskOfLastObject(const SyntheticWorld& world, const PinholeCamera& camera, 
   // All pixels that show it, also beyond the image: what is just outside is mixed into the rim.
   const int width = camera.width + 2 * margin, height = camera.height + 2 * margin;
   Image<unsigned char> shows(width, height);
-  tbb::parallel_for(0, height, [&](int row) {
-    for (int col = 0; col < width; ++col) {
-      const WorldHit hit = Trace(world, PixelRay(camera, pose, col - margin, row - margin));
-      shows(col, row) = hit.object + 1 == world.objects.size() ? 1 : 0;
-    }
+  ForEachPixel(width, height, [&](int col, int row) {
+    const WorldHit hit = Trace(world, PixelRay(camera, pose, col - margin, row - margin));
+    shows(col, row) = hit.object + 1 == world.objects.size() ? 1 : 0;
   });
   Mask mask(camera.width, camera.height, 255);
-  tbb::parallel_for(0, camera.height, [&](int row) {
-    for (int col = 0; col < camera.width; ++col) {
-      for (int r = row; r <= row + 2 * margin; ++r) {
-        for (int c = col; c <= col + 2 * margin; ++c) {
-          if (shows(c, r) != 0) mask(col, row) = 0;
-        }
+  ForEachPixel(camera.width, camera.height, [&](int col, int row) {
+    for (int r = row; r <= row + 2 * margin; ++r) {
+      for (int c = col; c <= col + 2 * margin; ++c) {
+        if (shows(c, r) != 0) mask(col, row) = 0;
       }
     }
   });

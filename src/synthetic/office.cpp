@@ -90,7 +90,9 @@ void AddWallDecoration(std::vector<WorldObject>* objects) {
   objects->push_back(Box({-kHalf.x + 0.005, 1.00, 1.30}, {0.005, 0.30, 0.42}, poster));
 }
 
-SyntheticWorld BuildOffice() {
+}  // namespace
+
+SyntheticWorld MakeOffice() {
   SyntheticWorld world;
   std::vector<WorldObject>* objects = &world.objects;
   objects->push_back({{Shape::kRoom, kCenter, kHalf, {}}, Plain({})});
@@ -105,13 +107,6 @@ SyntheticWorld BuildOffice() {
   world.diameter_m = 7.1;
   world.path = HandHeldPath{{0.0, 1.0, 0.85}, 2.4, 0.0349};  // the tangent of half of 4 degrees
   return world;
-}
-
-}  // namespace
-
-const SyntheticWorld& OfficeWorld() {
-  static const SyntheticWorld kWorld = BuildOffice();
-  return kWorld;
 }
 
 }  // namespace acmp

@@ -91,7 +91,9 @@ void AddPictures(std::vector<WorldObject>* objects) {
   objects->push_back(Box({2.088, 0.55, 1.35}, {0.012, 0.28, 0.20}, landscape));
 }
 
-SyntheticWorld BuildRoom() {
+}  // namespace
+
+SyntheticWorld MakeRoom() {
   SyntheticWorld world;
   std::vector<WorldObject>* objects = &world.objects;
   objects->push_back({{Shape::kRoom, kRoomCenter, kRoomHalf, {}}, kWalls});
@@ -106,13 +108,6 @@ SyntheticWorld BuildRoom() {
   // On the table. 0.043 is the tangent of half of 5 degrees; it grows by 3 % more than the angle up to 32.5 degrees.
   world.path = HandHeldPath{{0.0, 0.95, 0.85}, 2.55, 0.0430};
   return world;
-}
-
-}  // namespace
-
-const SyntheticWorld& RoomWorld() {
-  static const SyntheticWorld kWorld = BuildRoom();
-  return kWorld;
 }
 
 }  // namespace acmp

@@ -24,28 +24,9 @@ constexpr double kFirstStamp_s = 1000.0;  // not 0, which means "no stamp"
 constexpr double kKeyframeInterval_s = 0.5;
 constexpr int kMaxKeyframes = 1000;
 
-// A view before it becomes a Frame.
-struct Rendering {
-  CameraPose pose;
-  ColorImage color;
-  DepthMap depth;
-  NormalMap normal;
-  Image<unsigned char> low_texture;
-  Mask mask;
-  double exposure;
-  DepthMap shown_depth;
-};
-
 const SyntheticWorld& WorldOf(SyntheticPlace place) {
-  switch (place) {
-    case SyntheticPlace::kRoom:
-      return RoomWorld();
-    case SyntheticPlace::kOffice:
-      return OfficeWorld();
-    case SyntheticPlace::kStreet:
-      break;
-  }
-  return StreetWorld();
+  static const SyntheticWorld room = MakeRoom(), office = MakeOffice(), street = MakeStreet();
+  return place == SyntheticPlace::kRoom ? room : place == SyntheticPlace::kOffice ? office : street;
 }
 
 // A global-shutter CMOS camera in lamp light, held by hand.
@@ -120,9 +101,8 @@ ColorD PixelLight(const Shot& shot, const CameraPose& pose, int col, int row) {
 Image<ColorD> RenderLight(const Shot& shot, const CameraPose& pose) {
   const int border = PsfBorder(shot.imaging);
   Image<ColorD> light(shot.camera.width + 2 * border, shot.camera.height + 2 * border);
-  tbb::parallel_for(0, light.height(), [&](int row) {
-    for (int col = 0; col < light.width(); ++col) light(col, row) = PixelLight(shot, pose, col - border, row - border);
-  });
+  ForEachPixel(light.width(), light.height(),
+               [&](int col, int row) { light(col, row) = PixelLight(shot, pose, col - border, row - border); });
   return BlurByPsf(shot.imaging, std::move(light));
 }
 
@@ -134,27 +114,23 @@ Vec3f DirectionInCamera(const CameraPose& pose, const Vec3d& v) {
 float DepthOf(const WorldHit& hit) { return hit.sky ? 0.0f : static_cast<float>(hit.where.t); }
 
 void RenderGeometry(const Shot& shot, Rendering* out) {
-  tbb::parallel_for(0, shot.camera.height, [&](int row) {
-    for (int col = 0; col < shot.camera.width; ++col) {
-      const WorldHit hit = Trace(shot.world, PixelRay(shot.camera, out->pose, col, row));
-      out->low_texture(col, row) = hit.low_texture ? 1 : 0;
-      out->depth(col, row) = DepthOf(hit);
-      out->normal(col, row) = hit.sky ? Vec3f{0, 0, 0} : DirectionInCamera(out->pose, hit.where.normal);
-    }
+  ForEachPixel(shot.camera.width, shot.camera.height, [&](int col, int row) {
+    const WorldHit hit = Trace(shot.world, PixelRay(shot.camera, out->pose, col, row));
+    out->low_texture(col, row) = hit.low_texture ? 1 : 0;
+    out->depth(col, row) = DepthOf(hit);
+    out->normal(col, row) = hit.sky ? Vec3f{0, 0, 0} : DirectionInCamera(out->pose, hit.where.normal);
   });
 }
 
 /// @param picture number of the draws of noise
 void TakePicture(const Shot& shot, int picture, Rendering* out) {
   const Image<ColorD> light = RenderLight(shot, out->pose);
-  tbb::parallel_for(0, shot.camera.height, [&](int row) {
-    for (int col = 0; col < shot.camera.width; ++col) {
-      const double factor = out->exposure * VignettingAt(shot.imaging, shot.camera, col, row);
-      const ColorD& c = light(col, row);
-      RandomStream random(shot.seed, static_cast<uint32_t>(row * shot.camera.width + col),
-                          static_cast<uint32_t>(picture));
-      out->color(col, row) = Digitize(shot.imaging, {factor * c.r, factor * c.g, factor * c.b}, &random);
-    }
+  ForEachPixel(shot.camera.width, shot.camera.height, [&](int col, int row) {
+    const double factor = out->exposure * VignettingAt(shot.imaging, shot.camera, col, row);
+    const ColorD& c = light(col, row);
+    RandomStream random(shot.seed, static_cast<uint32_t>(row * shot.camera.width + col),
+                        static_cast<uint32_t>(picture));
+    out->color(col, row) = Digitize(shot.imaging, {factor * c.r, factor * c.g, factor * c.b}, &random);
   });
 }
 
@@ -162,16 +138,11 @@ void TakePicture(const Shot& shot, int picture, Rendering* out) {
 Rendering Render(const SyntheticWorld& world, const PinholeFace& face, int index, const SyntheticSceneOptions& options,
                  double right_m) {
   const PinholeCamera& camera = face.camera;
-  Rendering out;
   const int place = options.standing ? options.keyframes / 2 : index;
   const int picture = right_m > 0 ? kMaxKeyframes + index : index;
-  out.pose = TurnedTo(face.lens_from_face, PoseOnPath(world.path, place, options.keyframes, options.seed));
-  out.pose.center = out.pose.center + right_m * out.pose.right;
-  out.exposure = ExposureOf(options.imaging, options.seed, index);
-  out.color = ColorImage(camera.width, camera.height);
-  out.depth = DepthMap(camera.width, camera.height);
-  out.normal = NormalMap(camera.width, camera.height);
-  out.low_texture = Image<unsigned char>(camera.width, camera.height);
+  CameraPose pose = TurnedTo(face.lens_from_face, PoseOnPath(world.path, place, options.keyframes, options.seed));
+  pose.center = pose.center + right_m * pose.right;
+  Rendering out = {camera, pose, ExposureOf(options.imaging, options.seed, index)};
   const Shot shot = {world,
                      options.imaging,
                      camera,
@@ -187,10 +158,8 @@ Rendering Render(const SyntheticWorld& world, const PinholeFace& face, int index
   const Shot with = {with_object, shot.imaging, shot.camera, shot.seed, shot.poses, shot.margin_m};
   TakePicture(with, picture, &out);
   out.shown_depth = DepthMap(camera.width, camera.height);
-  tbb::parallel_for(0, camera.height, [&](int row) {
-    for (int col = 0; col < camera.width; ++col) {
-      out.shown_depth(col, row) = DepthOf(Trace(with_object, PixelRay(camera, out.pose, col, row)));
-    }
+  ForEachPixel(camera.width, camera.height, [&](int col, int row) {
+    out.shown_depth(col, row) = DepthOf(Trace(with_object, PixelRay(camera, out.pose, col, row)));
   });
   out.mask = MaskOfLastObject(with_object, camera, out.pose, options.imaging);
   return out;
@@ -292,14 +261,12 @@ void TakeWideImage(const std::vector<PinholeFace>& faces, SyntheticView* view) {
   for (const SyntheticView& other : wide.others) views.push_back(&other);
   const PinholeCamera& camera = wide.lens.camera();
   wide.color = ColorImage(camera.width, camera.height);
-  tbb::parallel_for(0, camera.height, [&](int row) {
-    for (int col = 0; col < camera.width; ++col) {
-      const auto ray = wide.lens.Unproject({static_cast<double>(col), static_cast<double>(row)});
-      for (size_t i = 0; ray && i < faces.size(); ++i) {
-        const Eigen::Vector3d in_face = faces[i].lens_from_face.transpose() * *ray;
-        if (in_face.z() < in_face.cwiseAbs().maxCoeff()) continue;
-        if (Interpolate(views[i]->frame.color, faces[i].camera.Project(in_face), &wide.color(col, row))) break;
-      }
+  ForEachPixel(camera.width, camera.height, [&](int col, int row) {
+    const auto ray = wide.lens.Unproject({static_cast<double>(col), static_cast<double>(row)});
+    for (size_t i = 0; ray && i < faces.size(); ++i) {
+      const Eigen::Vector3d in_face = faces[i].lens_from_face.transpose() * *ray;
+      if (in_face.z() < in_face.cwiseAbs().maxCoeff()) continue;
+      if (Interpolate(views[i]->frame.color, faces[i].camera.Project(in_face), &wide.color(col, row))) break;
     }
   });
   std::set<std::array<double, 3>> known;
@@ -322,11 +289,6 @@ Lens SyntheticFisheye(const SyntheticSceneOptions& options) {
 
 }  // namespace
 
-const std::vector<std::string>& SyntheticSceneNames() {
-  static const std::vector<std::string> kNames = {"room", "hard", "street"};
-  return kNames;
-}
-
 void SelectSyntheticScene(const std::string& name, SyntheticSceneOptions* options) {
   if (name == "room") {
     options->place = SyntheticPlace::kRoom;
@@ -338,9 +300,7 @@ void SelectSyntheticScene(const std::string& name, SyntheticSceneOptions* option
     options->place = SyntheticPlace::kStreet;
     options->imaging = DaylightCamera();
   } else {
-    std::string known;
-    for (const std::string& scene : SyntheticSceneNames()) known += (known.empty() ? "" : ", ") + scene;
-    throw InvalidInputError(Concat("scene = \"", name, "\": must be one of ", known));
+    throw InvalidInputError(Concat("scene = \"", name, "\": must be one of room, hard, street"));
   }
 }
 
@@ -366,24 +326,14 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
   for (int i = 0; i < options.keyframes; ++i) {
     for (const PinholeFace& face : faces) renderings.push_back(Render(world, face, i, options, 0));
   }
-  const auto camera_of = [&](size_t rendering) -> const PinholeCamera& {
-    return faces[rendering % faces.size()].camera;
-  };
-
-  std::vector<LandmarkView> landmark_views;
-  landmark_views.reserve(renderings.size());
-  for (size_t i = 0; i < renderings.size(); ++i) {
-    const Rendering& r = renderings[i];
-    landmark_views.push_back({&world, camera_of(i), r.pose, &r.color, &r.depth, &r.low_texture});
-  }
-  std::vector<std::vector<Eigen::Vector3d>> landmarks = MakeLandmarks(landmark_views, options.seed);
+  std::vector<std::vector<Eigen::Vector3d>> landmarks = MakeLandmarks(world, renderings, options.seed);
 
   std::vector<SyntheticView> views;
   for (size_t i = 0; i < renderings.size(); ++i) {
     Rendering& r = renderings[i];
     const auto index = static_cast<int>(i / faces.size());
     SyntheticView view;
-    view.frame = MakeFrame(index, kFirstStamp_s + kKeyframeInterval_s * index, std::move(r.color), camera_of(i),
+    view.frame = MakeFrame(index, kFirstStamp_s + kKeyframeInterval_s * index, std::move(r.color), r.camera,
                            CamFromWorld(r.pose), std::move(landmarks[i]), {}, r.mask);
     view.true_depth = std::move(r.depth);
     view.true_normal = std::move(r.normal);
@@ -394,7 +344,7 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
     if (options.stereo_baseline_m > 0) {
       Rendering right = Render(world, faces.front(), index, options, options.stereo_baseline_m);
       view.right =
-          MakeFrame(index, view.frame.stamp_s, std::move(right.color), camera_of(i), CamFromWorld(right.pose), {});
+          MakeFrame(index, view.frame.stamp_s, std::move(right.color), right.camera, CamFromWorld(right.pose), {});
     }
     if (i % faces.size() > 0) {
       views.back().wide->others.push_back(std::move(view));

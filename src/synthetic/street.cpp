@@ -90,7 +90,9 @@ void AddStreetFurniture(std::vector<WorldObject>* objects) {
   for (const double z : {6.2, 6.5}) objects->push_back(Box({0, 16.0, z}, {6.5, 0.012, 0.012}, kIron));  // wires
 }
 
-SyntheticWorld BuildStreet() {
+}  // namespace
+
+SyntheticWorld MakeStreet() {
   SyntheticWorld world;
   std::vector<WorldObject>* objects = &world.objects;
   objects->push_back({{Shape::kRoom, {0, 20, 30}, {60, 80, 60}, {}}, Plain({})});
@@ -107,13 +109,6 @@ SyntheticWorld BuildStreet() {
   world.diameter_m = 234;
   world.path = StraightPath{{0.6, -6.0, 1.6}, 0.45, 40};
   return world;
-}
-
-}  // namespace
-
-const SyntheticWorld& StreetWorld() {
-  static const SyntheticWorld kWorld = BuildStreet();
-  return kWorld;
 }
 
 }  // namespace acmp

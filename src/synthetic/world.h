@@ -52,14 +52,10 @@ struct SyntheticWorld {
   bool sky = false;  ///< the room is not there: what it shows is infinitely far, with the colours of a sky
 };
 
-/// Blank walls and floor with trims, textured furniture; 5 degrees between keyframes.
-const SyntheticWorld& RoomWorld();
-
-/// Blank walls and floor without trims, thin rods and cables, equal tiles; 4 degrees between keyframes.
-const SyntheticWorld& OfficeWorld();
-
-/// Houses along a street under a sky, driven along; 45 cm between keyframes.
-const SyntheticWorld& StreetWorld();
+/// The places, see SyntheticPlace.
+SyntheticWorld MakeRoom();
+SyntheticWorld MakeOffice();
+SyntheticWorld MakeStreet();
 
 /// What a ray sees first. Every ray from inside the room sees something.
 struct WorldHit {
@@ -89,20 +85,24 @@ SyntheticWorld WithMovingObject(const SyntheticWorld& world, int index, const Sy
 Mask MaskOfLastObject(const SyntheticWorld& world, const PinholeCamera& camera, const CameraPose& pose,
                       const ImagingModel& imaging);
 
-/// One rendered image as the landmark maker reads it; what it points to belongs to the caller.
-struct LandmarkView {
-  const SyntheticWorld* world;
+/// An image before it becomes a SyntheticView, whose maps it has.
+struct Rendering {
   PinholeCamera camera;
   CameraPose pose;
-  const ColorImage* color;
-  const DepthMap* depth;
-  const Image<unsigned char>* low_texture;
+  double exposure = 1;  ///< factor on the light
+  ColorImage color = ColorImage(camera.width, camera.height);
+  DepthMap depth = DepthMap(camera.width, camera.height);
+  NormalMap normal = NormalMap(camera.width, camera.height);
+  Image<unsigned char> low_texture = Image<unsigned char>(camera.width, camera.height);
+  Mask mask = {};
+  DepthMap shown_depth = {};
 };
 
 /// Per view the sparse map points it observes, as a SLAM frontend would: corners on textured surfaces found view by
 /// view where no earlier point is near, kept when at least three views (two when there are only two) see them, with a
 /// position error of a few millimetres. A point has the same coordinates in all views that observe it; none is
 /// occluded.
-std::vector<std::vector<Eigen::Vector3d>> MakeLandmarks(const std::vector<LandmarkView>& views, uint32_t seed);
+std::vector<std::vector<Eigen::Vector3d>> MakeLandmarks(const SyntheticWorld& world,
+                                                        const std::vector<Rendering>& views, uint32_t seed);
 
 }  // namespace acmp

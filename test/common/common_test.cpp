@@ -14,7 +14,6 @@
 namespace acmp {
 namespace {
 
-using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 enum class Color { kRed, kGreen };
@@ -85,17 +84,17 @@ TEST(OptionTest, EveryKindIsSetByNameAndReadAgain) {
 
 TEST(OptionTest, ARefusalNamesOptionValueAndBound) {
   EXPECT_EQ(Refusal("doors=5"), "no error") << "the bound itself";
-  EXPECT_THAT(Refusal("doors=6"), AllOf(HasSubstr("doors = 6"), HasSubstr("[2, 5]")));
-  EXPECT_THAT(Refusal("length=0.25"), AllOf(HasSubstr("length = 0.25"), HasSubstr("[0.5, 20] m")));
-  EXPECT_THAT(Refusal("color=blue"), AllOf(HasSubstr("color = \"blue\""), HasSubstr("red, green")));
+  EXPECT_THAT(Refusal("doors=6"), HasAll("doors = 6", "[2, 5]"));
+  EXPECT_THAT(Refusal("length=0.25"), HasAll("length = 0.25", "[0.5, 20] m"));
+  EXPECT_THAT(Refusal("color=blue"), HasAll("color = \"blue\"", "red, green"));
   EXPECT_THAT(Refusal("power=nan"), HasSubstr("power"));
-  EXPECT_THAT(Refusal("doors=2.5"), AllOf(HasSubstr("\"2.5\""), HasSubstr("an integer")));
+  EXPECT_THAT(Refusal("doors=2.5"), HasAll("\"2.5\"", "an integer"));
   EXPECT_THAT(Refusal("doors=2 "), HasSubstr("an integer"));
   EXPECT_THAT(Refusal("power="), HasSubstr("a number"));
   EXPECT_THAT(Refusal("power=1e999"), HasSubstr("power"));
   EXPECT_THAT(Refusal("on=1"), HasSubstr("true or false"));
   EXPECT_THAT(Refusal("doors"), HasSubstr("NAME=VALUE"));
-  EXPECT_THAT(Refusal("door=3"), AllOf(HasSubstr("unknown parameter door"), HasSubstr("mean doors?")));
+  EXPECT_THAT(Refusal("door=3"), HasAll("unknown parameter door", "mean doors?"));
   EXPECT_THAT(Refusal("powers=3"), HasSubstr("mean power?")) << "rather than one that is as long";
   EXPECT_THAT(Refusal("weight=3"), HasSubstr("unknown parameter weight: none has a name like that"));
 }
@@ -146,8 +145,7 @@ TEST(ErrorTest, RangeIncludesItsEndsAndNothingThatIsNotFinite) {
   for (const float illegal : {std::nextafter(1.0f, 2.0f), -1.5f, kNan, kInf, -kInf}) {
     EXPECT_THROW(CheckRange("x", illegal, -1.0f, 1.0f), InvalidInputError) << illegal;
   }
-  EXPECT_THAT(ErrorOf([] { CheckRange("fusion.views", 7, 1, 5); }),
-              AllOf(HasSubstr("fusion.views = 7"), HasSubstr("[1, 5]")));
+  EXPECT_THAT(ErrorOf([] { CheckRange("fusion.views", 7, 1, 5); }), HasAll("fusion.views = 7", "[1, 5]"));
 }
 
 // Values of an independent implementation in arbitrary-precision integers: they pin the stream, so that stored results

@@ -7,6 +7,7 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "dataset/scene_fixture.h"
+#include "support/error_text.h"
 #include "support/lens.h"
 
 namespace acmp {
@@ -37,19 +38,17 @@ TEST_F(LoadFrameTest, AHeaderThatClaimsAnotherSizeIsRefusedBeforeMemoryIsTaken) 
   std::string content = ReadText(folder() / "images/000001.png");
   content.replace(16, 8, std::string("\0\0\x3e\x80\0\0\x3e\x80", 8));  // 16000 x 16000: below the general bound
   WriteText("images/000001.png", content);
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 1); }),
-              HasSubstr("000001.png: image size 16000 x 16000 differs from its camera's 32 x 24"));
+  EXPECT_REFUSED(LoadFrame(scene, 1), "000001.png: image size 16000 x 16000 differs from its camera's 32 x 24");
 }
 
 TEST_F(LoadFrameTest, WrongSizeAndTruncationAreRefused) {
   const Scene scene = ReadColmap();
   WriteImage("images/000001.png", kWidth + 1, kHeight);
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 1); }),
-              AllOf(HasSubstr("000001.png"), HasSubstr("33 x 24"), HasSubstr("32 x 24")));
+  EXPECT_REFUSED(LoadFrame(scene, 1), "000001.png", "33 x 24", "32 x 24");
   const std::string content = ReadText(folder() / "images/000000.png");
   WriteText("images/000000.png", content.substr(0, content.size() / 2));
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 0); }), HasSubstr("000000.png"));
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 2); }), HasSubstr("image index = 2"));
+  EXPECT_REFUSED(LoadFrame(scene, 0), "000000.png");
+  EXPECT_REFUSED(LoadFrame(scene, 2), "image index = 2");
 }
 
 TEST_F(LoadFrameTest, UndistortsEveryModel) {
@@ -86,8 +85,6 @@ TEST(ParseImageIndices, TakesIndicesAndRanges) {
   EXPECT_EQ(ParseImageIndices("2", 3), std::vector<int>{2});
 }
 
-using ::testing::AllOf;
-
 class MasksTest : public SceneFixture {
  protected:
   /// One black pixel; the others are nearly black.
@@ -121,12 +118,10 @@ TEST_F(MasksTest, AreFoundByTheImagesNameAndIgnoreWhatIsBlack) {
 
 TEST_F(MasksTest, AFolderWithoutMasksIsRefusedWithTheNameThatAMaskWouldHave) {
   Scene scene = ReadColmap();
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { AddMasks(folder() / "nowhere", &scene); }),
-              AllOf(HasSubstr("nowhere"), HasSubstr("does not exist")));
+  EXPECT_REFUSED(AddMasks(folder() / "nowhere", &scene), "nowhere", "does not exist");
   WriteMask("masks/000001.mask.png", 5, 3);
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { AddMasks(folder() / "masks", &scene); }),
-              AllOf(HasSubstr("none for any of the 2 images"), HasSubstr("such as 000000.png.png"),
-                    HasSubstr("there is 000001.mask.png")));
+  EXPECT_REFUSED(AddMasks(folder() / "masks", &scene), "none for any of the 2 images", "such as 000000.png.png",
+                 "there is 000001.mask.png");
 }
 
 TEST_F(MasksTest, AMaskOfAnotherSizeOrKindIsRefused) {
@@ -134,10 +129,8 @@ TEST_F(MasksTest, AMaskOfAnotherSizeOrKindIsRefused) {
   WriteMask("masks/000000.png.png", 5, 3, kWidth + 1, kHeight);
   WriteText("masks/000001.png.png", "P5 32 24 255");
   AddMasks(folder() / "masks", &scene);
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 0); }),
-              AllOf(HasSubstr("000000.png.png"), HasSubstr("33 x 24"), HasSubstr("32 x 24")));
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 1); }),
-              AllOf(HasSubstr("000001.png.png"), HasSubstr("neither a PNG nor a JPEG")));
+  EXPECT_REFUSED(LoadFrame(scene, 0), "000000.png.png", "33 x 24", "32 x 24");
+  EXPECT_REFUSED(LoadFrame(scene, 1), "000001.png.png", "neither a PNG nor a JPEG");
 }
 
 TEST_F(MasksTest, WhatTheLensDidNotSeeIsIgnored) {
@@ -213,16 +206,15 @@ TEST_F(PriorDepthsTest, WhatIsNoneIsRefused) {
   EXPECT_THAT(MessageOf<InvalidInputError>(add), HasSubstr("does not exist"));
   WritePfm(Path("frame.pfm"), Depth(2, 2));
   EXPECT_THAT(MessageOf<InvalidInputError>(add),
-              AllOf(HasSubstr("none for any of the 2 images"), HasSubstr("such as 000000.pfm"),
-                    HasSubstr("there is frame.pfm")));
+              HasAll("none for any of the 2 images", "such as 000000.pfm", "there is frame.pfm"));
   WritePfm(Path("000000.pfm"), Depth(2, 2));
   WriteDmb(Path("000000.dmb"), Depth(2, 2));
-  EXPECT_THAT(MessageOf<InvalidInputError>(add), AllOf(HasSubstr("two files of prior depth"), HasSubstr("000000.dmb")));
+  EXPECT_THAT(MessageOf<InvalidInputError>(add), HasAll("two files of prior depth", "000000.dmb"));
   std::filesystem::remove(Path("000000.dmb"));
   WriteText("depths/000000.pfm", "Pf\n2 1\n-1.0\nabcd");
   scene = ReadColmap();
   add();
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 0); }), HasSubstr("000000.pfm"));
+  EXPECT_REFUSED(LoadFrame(scene, 0), "000000.pfm");
 }
 
 }  // namespace

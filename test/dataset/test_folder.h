@@ -16,6 +16,28 @@ inline std::string Bytes(const std::vector<float>& values) {
   return std::string(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float));
 }
 
+/// Builds a binary file byte by byte.
+class Binary {
+ public:
+  template <class T>
+  Binary& Add(T value) {
+    bytes_.append(reinterpret_cast<const char*>(&value), sizeof(T));
+    return *this;
+  }
+  Binary& AddDoubles(const std::vector<double>& values) {
+    for (double value : values) Add(value);
+    return *this;
+  }
+  Binary& AddName(const std::string& name) {
+    bytes_ += name + '\0';
+    return *this;
+  }
+  const std::string& bytes() const { return bytes_; }
+
+ private:
+  std::string bytes_;
+};
+
 /// An empty folder of its own for each test, removed at the end.
 class TestFolder : public ::testing::Test {
  protected:

@@ -13,6 +13,7 @@
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dataset/test_folder.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -27,11 +28,6 @@ constexpr double kVoxel = 0.1;
 class EvaluateCloudTest : public TestFolder {
  protected:
   EvaluateCloudTest() {
-    SyntheticSceneOptions options;
-    options.width = kWidth;
-    options.height = kHeight;
-    options.keyframes = 3;
-    views_ = MakeSyntheticScene(options);
     WriteSceneFiles(folder() / "scene", views_, 0.5f);
     fs::create_directories(folder() / "truth");
     for (size_t i = 0; i < views_.size(); ++i) {
@@ -66,7 +62,7 @@ class EvaluateCloudTest : public TestFolder {
     return options;
   }
 
-  std::vector<SyntheticView> views_;
+  const std::vector<SyntheticView> views_ = MakeSyntheticScene({kWidth, kHeight, 3});
   std::vector<DepthMap> truth_;
   PointCloud cloud_;
 };
@@ -164,7 +160,7 @@ TEST_F(EvaluateCloudTest, RefusesBadOptionsAndInput) {
            {[](CloudEvaluationOptions* o) { o->ground_truth = o->truth.folder; }, "cameras.txt"}}) {
     CloudEvaluationOptions options = Options();
     c.change(&options);
-    EXPECT_THAT(MessageOf<InvalidInputError>([&] { EvaluateCloudFile(options); }), HasSubstr(c.message));
+    EXPECT_REFUSED(EvaluateCloudFile(options), c.message);
   }
 }
 

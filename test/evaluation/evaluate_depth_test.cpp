@@ -16,6 +16,7 @@
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dataset/test_folder.h"
 #include "evaluate_inputs.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -27,11 +28,6 @@ using testing::HasSubstr;
 class EvaluateDepthTest : public TestFolder {
  protected:
   EvaluateDepthTest() {
-    SyntheticSceneOptions options;
-    options.width = 64;
-    options.height = 48;
-    options.keyframes = 3;
-    views_ = MakeSyntheticScene(options);
     WriteSceneFiles(folder() / "scene", views_, 0.2f);
     std::filesystem::create_directories(folder() / "maps");
     WritePfm(folder() / "maps/000000.pfm", Disturbed(views_[0].true_depth));
@@ -62,7 +58,7 @@ class EvaluateDepthTest : public TestFolder {
     return options;
   }
 
-  std::vector<SyntheticView> views_;
+  const std::vector<SyntheticView> views_ = MakeSyntheticScene({64, 48, 3});
 };
 
 void ExpectSame(const DepthMetrics& a, const DepthMetrics& b) {
@@ -119,7 +115,7 @@ TEST_F(EvaluateDepthTest, RefusesBadOptionsAndInput) {
   const auto expect_refused = [this](const auto& change, const std::string& message) {
     DepthEvaluationOptions options = Options();
     change(&options);
-    EXPECT_THAT(MessageOf<InvalidInputError>([&] { EvaluateDepthFolder(options); }), HasSubstr(message));
+    EXPECT_REFUSED(EvaluateDepthFolder(options), message);
   };
   expect_refused([](DepthEvaluationOptions* o) { o->scale = 0; }, "--scale = 0");
   expect_refused([](DepthEvaluationOptions* o) { o->truth.png_unit = std::nan(""); }, "--gt-png-unit = nan");
@@ -193,67 +189,52 @@ TEST(LowTextureMask, AgreesWithAPlainReference) {
 namespace fs = std::filesystem;
 using testing::ElementsAre;
 
+/// Folders of the images 0, 1 and 7: P100.jpg, P200.jpg and P300.jpg.
 class EvaluateInputsTest : public TestFolder {
  protected:
-  void Touch(const std::string& name) const { WriteText(name, "x"); }
-
+  void Touch(const std::vector<std::string>& names) const {
+    for (const std::string& name : names) WriteText(name, "x");
+  }
   PredictionIndex Find(const std::string& name = "") const { return FindPredictions(folder(), images_, name); }
-
-  std::string FileOf(int image, const std::string& name = "") const {
-    const PredictionIndex index = Find(name);
-    const auto found = index.files.find(image);
-    return found == index.files.end() ? "" : fs::relative(found->second, folder()).string();
+  /// "0: FILE, 7: FILE": of the images that have one.
+  std::string Found(const std::string& name = "") const {
+    std::string found;
+    for (const auto& [image, path] : Find(name).files) {
+      found += Concat(found.empty() ? "" : ", ", image, ": ", fs::relative(path, folder()).string());
+    }
+    return found;
   }
 
-  std::vector<ListedImage> images_ = {{0, "P100.jpg"}, {1, "P200.jpg"}, {7, "P300.jpg"}};
+  const std::vector<ListedImage> images_ = {{0, "P100.jpg"}, {1, "P200.jpg"}, {7, "P300.jpg"}};
 };
 
 TEST_F(EvaluateInputsTest, TakesFilesByIndexOrByTheImagesOwnStem) {
-  Touch("depth_0007.png");
-  Touch("P100.dmb");
-  Touch("00000001.DMB");
-  Touch("000001_normal.txt");
-  EXPECT_EQ(FileOf(7), "depth_0007.png");
-  EXPECT_EQ(FileOf(0), "P100.dmb");
-  EXPECT_EQ(FileOf(1), "00000001.DMB");
+  Touch({"depth_0007.png", "P100.dmb", "00000001.DMB", "000001_normal.txt"});
+  EXPECT_EQ(Found(), "0: P100.dmb, 1: 00000001.DMB, 7: depth_0007.png");
 }
 
 TEST_F(EvaluateInputsTest, TheOwnStemGoesBeforeTheIndexAndTheFirstFileBeforeLaterOnes) {
-  Touch("0.dmb");
-  Touch("P100.dmb");
-  Touch("a_1.dmb");
-  Touch("b_1.dmb");
-  EXPECT_EQ(FileOf(0), "P100.dmb");
-  EXPECT_EQ(FileOf(1), "a_1.dmb");
-  EXPECT_EQ(FileOf(1, "^b_"), "b_1.dmb");
+  Touch({"0.dmb", "P100.dmb", "a_1.dmb", "b_1.dmb"});
+  EXPECT_EQ(Found(), "0: P100.dmb, 1: a_1.dmb");
+  EXPECT_EQ(Found("^b_"), "1: b_1.dmb");
 }
 
 TEST_F(EvaluateInputsTest, PrefersPfmAndSaysSo) {
-  Touch("000000.pfm");
-  Touch("000000.png");
-  Touch("000001.png");
-  Touch("000007.png");
-  Touch("000007.dmb");
-  EXPECT_EQ(FileOf(0), "000000.pfm");
-  EXPECT_EQ(FileOf(1), "000001.png");
-  EXPECT_EQ(FileOf(7), "000007.dmb");
+  Touch({"000000.pfm", "000000.png", "000001.png", "000007.png", "000007.dmb"});
+  EXPECT_EQ(Found(), "0: 000000.pfm, 1: 000001.png, 7: 000007.dmb");
   EXPECT_THAT(Find().notes, ElementsAre(HasSubstr("2 maps left aside")));
 }
 
 TEST_F(EvaluateInputsTest, ReadsTheOutputOfThePublicProgram) {
-  Touch("2333_00000000/depths.dmb");
-  Touch("2333_00000000/depths_geom.dmb");
-  Touch("2333_00000007/depths.dmb");
-  Touch("2333_00000001/normals.dmb");
-  EXPECT_EQ(FileOf(0), "2333_00000000/depths_geom.dmb");
-  EXPECT_EQ(FileOf(7), "2333_00000007/depths.dmb");
-  EXPECT_EQ(FileOf(1), "");
-  EXPECT_EQ(FileOf(0, "depths.dmb"), "2333_00000000/depths.dmb");
+  Touch({"2333_00000000/depths.dmb", "2333_00000000/depths_geom.dmb", "2333_00000007/depths.dmb",
+         "2333_00000001/normals.dmb"});
+  EXPECT_EQ(Found(), "0: 2333_00000000/depths_geom.dmb, 7: 2333_00000007/depths.dmb");
+  EXPECT_EQ(Found("depths.dmb"), "0: 2333_00000000/depths.dmb, 7: 2333_00000007/depths.dmb");
 }
 
 TEST_F(EvaluateInputsTest, RefusesFoldersWithoutAnyMapOfTheScene) {
   EXPECT_THROW(Find(), InvalidInputError);
-  Touch("000003.pfm");  // not an image of the scene
+  Touch({"000003.pfm"});  // not an image of the scene
   EXPECT_THROW(Find(), InvalidInputError);
   EXPECT_THROW(FindPredictions(folder() / "missing", images_, ""), InvalidInputError);
   EXPECT_THROW(Find("("), InvalidInputError);

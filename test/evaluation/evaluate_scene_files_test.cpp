@@ -15,16 +15,9 @@ namespace {
 
 class WrittenSceneTest : public TestFolder {
  protected:
-  WrittenSceneTest() {
-    SyntheticSceneOptions options;
-    options.width = 97;
-    options.height = 64;
-    options.keyframes = 5;
-    views_ = MakeSyntheticScene(options);
-    WriteSceneFiles(folder(), views_, 0.1f);
-  }
+  WrittenSceneTest() { WriteSceneFiles(folder(), views_, 0.1f); }
 
-  std::vector<SyntheticView> views_;
+  const std::vector<SyntheticView> views_ = MakeSyntheticScene({97, 64, 5});
 };
 
 class SceneFilesTest : public WrittenSceneTest, public testing::WithParamInterface<SceneFormat> {};

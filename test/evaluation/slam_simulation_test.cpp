@@ -10,13 +10,7 @@
 namespace acmp {
 namespace {
 
-std::vector<SyntheticView> Views(int count) {
-  SyntheticSceneOptions options;
-  options.width = 48;
-  options.height = 36;
-  options.keyframes = count;
-  return MakeSyntheticScene(options);
-}
+std::vector<SyntheticView> Views(int count) { return MakeSyntheticScene({48, 36, count}); }
 
 Eigen::Vector3d Centre(const SlamOutput& output) { return output.cam_from_world.inverse().translation(); }
 

@@ -14,10 +14,7 @@ namespace acmp {
 namespace {
 
 SyntheticSceneOptions NamedScene(const std::string& name, int width, int height, int keyframes) {
-  SyntheticSceneOptions options;
-  options.width = width;
-  options.height = height;
-  options.keyframes = keyframes;
+  SyntheticSceneOptions options = {width, height, keyframes};
   SelectSyntheticScene(name, &options);
   return options;
 }
@@ -165,7 +162,6 @@ TEST(SelectSyntheticScene, SetsPlaceAndCameraOnly) {
   SelectSyntheticScene("room", &options);
   EXPECT_EQ(options.place, SyntheticPlace::kRoom);
   EXPECT_EQ(options.imaging.grey_per_electron, 0);
-  for (const std::string& name : SyntheticSceneNames()) EXPECT_NO_THROW(SelectSyntheticScene(name, &options));
   EXPECT_THROW(SelectSyntheticScene("kitchen", &options), InvalidInputError);
 }
 

@@ -1,5 +1,7 @@
 // Readers of files.
 
+#include <array>
+
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"
@@ -19,8 +21,10 @@ class SceneFolder : public fuzz::Folder {
     for (const char* name : {"00000000.png", "00000001.png"}) WritePng(path() / "images" / name, ColorImage(8, 6));
   }
 
-  /// Reads what was written as a scene and loads its images.
-  void Read(SceneFormat format) const {
+  /// Writes the parts of the input as files of these names, reads them as a scene and loads its images.
+  int Read(const uint8_t* data, size_t size, const std::array<const char*, 3>& names, SceneFormat format) const {
+    const auto parts = fuzz::Parts(data, size, names.size());
+    for (size_t i = 0; i < names.size(); ++i) Write(names[i], parts[i]);
     fuzz::MayRefuse([&] {
       const Scene scene = ReadScene(path(), format);
       for (size_t i = 0; i < scene.images.size(); ++i) {
@@ -28,6 +32,7 @@ class SceneFolder : public fuzz::Folder {
         fuzz::MayRefuse([&] { LoadFrame(scene, static_cast<int>(i)); });
       }
     });
+    return 0;
   }
 };
 
@@ -51,23 +56,15 @@ ACMP_FUZZ_TARGET(cloud_tiles) {
 /// A COLMAP model, binary: cameras.bin, images.bin, points3D.bin.
 ACMP_FUZZ_TARGET(colmap_binary) {
   static const SceneFolder folder;
-  const auto parts = fuzz::Parts(data, size, 3);
-  folder.Write("sparse/cameras.bin", parts[0]);
-  folder.Write("sparse/images.bin", parts[1]);
-  folder.Write("sparse/points3D.bin", parts[2]);
-  folder.Read(SceneFormat::kColmap);
-  return 0;
+  return folder.Read(data, size, {"sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin"},
+                     SceneFormat::kColmap);
 }
 
 /// A COLMAP model, text: cameras.txt, images.txt, points3D.txt.
 ACMP_FUZZ_TARGET(colmap_text) {
   static const SceneFolder folder;
-  const auto parts = fuzz::Parts(data, size, 3);
-  folder.Write("sparse/cameras.txt", parts[0]);
-  folder.Write("sparse/images.txt", parts[1]);
-  folder.Write("sparse/points3D.txt", parts[2]);
-  folder.Read(SceneFormat::kColmap);
-  return 0;
+  return folder.Read(data, size, {"sparse/cameras.txt", "sparse/images.txt", "sparse/points3D.txt"},
+                     SceneFormat::kColmap);
 }
 
 /// PFM and DMB files.
@@ -101,12 +98,7 @@ ACMP_FUZZ_TARGET(image) {
 /// The MVSNet layout: pair.txt, cams/00000000_cam.txt, cams/00000001_cam.txt.
 ACMP_FUZZ_TARGET(mvsnet) {
   static const SceneFolder folder;
-  const auto parts = fuzz::Parts(data, size, 3);
-  folder.Write("pair.txt", parts[0]);
-  folder.Write("cams/00000000_cam.txt", parts[1]);
-  folder.Write("cams/00000001_cam.txt", parts[2]);
-  folder.Read(SceneFormat::kMvsnet);
-  return 0;
+  return folder.Read(data, size, {"pair.txt", "cams/00000000_cam.txt", "cams/00000001_cam.txt"}, SceneFormat::kMvsnet);
 }
 
 /// A PLY cloud.

@@ -1,17 +1,20 @@
 #!/usr/bin/env python3
-"""Writes the valid inputs that the fuzz targets start from into corpus/ (fuzz_messages.cpp and the targets say what the
-bytes of a message mean). Findings lie beside them and stay. Usage: make_seeds.py"""
+"""Writes what the fuzz targets start from into a folder for each: valid inputs (fuzz_messages.cpp and the targets say what
+the bytes of a message mean) and copies of the stored ones in corpus/. Usage: make_seeds.py FOLDER"""
+import shutil
 import struct
+import sys
 import zlib
 from pathlib import Path
 
-CORPUS = Path(__file__).resolve().parent / "corpus"
+FOLDER = Path(sys.argv[1])
+shutil.copytree(Path(__file__).resolve().parent / "corpus", FOLDER, dirs_exist_ok=True)
 
 
 def seed(target, name, *parts):
     content = b"\n%%\n".join(part.encode() if isinstance(part, str) else part for part in parts)
-    (CORPUS / target).mkdir(parents=True, exist_ok=True)
-    (CORPUS / target / name).write_bytes(content)
+    (FOLDER / target).mkdir(parents=True, exist_ok=True)
+    (FOLDER / target / name).write_bytes(content)
 
 
 def text(value):

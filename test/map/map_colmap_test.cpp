@@ -1,7 +1,5 @@
 // A map as a COLMAP model, and the images that it keeps for that.
 
-#include "acmp_mapping/map/map_colmap.h"
-
 #include <numeric>
 
 #include <gmock/gmock.h>
@@ -10,14 +8,15 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/map/map_writer.h"
 #include "dataset/test_folder.h"
 #include "map/room_keyframes.h"
+#include "support/error_text.h"
 #include "support/file_size_limit.h"
 
 namespace acmp::test {
 namespace {
 
-using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
@@ -26,13 +25,7 @@ constexpr double kColmapVoxel = 0.03;
 constexpr int64_t kFirstStamp_ns = 1700000000000000007;
 
 const std::vector<SyntheticView>& ColmapRoom() {
-  static const std::vector<SyntheticView> views = [] {
-    SyntheticSceneOptions options;
-    options.width = 160;
-    options.height = 120;
-    options.keyframes = kColmapViews;
-    return MakeSyntheticScene(options);
-  }();
+  static const std::vector<SyntheticView> views = MakeSyntheticScene({160, 120, kColmapViews});
   return views;
 }
 
@@ -142,7 +135,7 @@ TEST_F(MapColmapTest, ItIsWrittenWholeOrNotAtAll) {
   EXPECT_EQ(ReadScene(Path()).images.size(), 3u);
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder()), {}), 1);
   for (PlacedKeyframe& keyframe : map_.keyframes) keyframe.image.reset();
-  EXPECT_THAT(Refusal(), AllOf(HasSubstr("3 keyframes and no image of them"), HasSubstr("~keep_images")));
+  EXPECT_THAT(Refusal(), HasAll("3 keyframes and no image of them", "~keep_images"));
   map_.keyframes.clear();
   EXPECT_THAT(Refusal(), HasSubstr("the map is empty"));
   EXPECT_EQ(ReadScene(Path()).images.size(), 3u);
@@ -163,12 +156,12 @@ TEST_F(MapColmapTest, StoredImagesUseTheDiskThatOthersLeft) {
     EXPECT_TRUE(kept[place]->Read() == bytes_of(static_cast<unsigned char>(shade))) << place;
   }
   EXPECT_TRUE(std::filesystem::is_empty(folder())) << "nothing is left by a process that is killed";
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { store.Put("\x89PNG", camera); }), HasSubstr("is no JPEG file"));
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { store.Put("\xff\xd8", camera); }), HasSubstr("image"));
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { store.Put(EncodeJpeg("", ColorImage(120, 160)), camera); }),
-              HasSubstr("120 x 160 px: must have the shape of its maps, 160 x 120"));
+  EXPECT_REFUSED(store.Put("\x89PNG", camera), "is no JPEG file");
+  EXPECT_REFUSED(store.Put("\xff\xd8", camera), "image");
+  EXPECT_REFUSED(store.Put(EncodeJpeg("", ColorImage(120, 160)), camera),
+                 "120 x 160 px: must have the shape of its maps, 160 x 120");
   EXPECT_THAT(MessageOf<ProcessingError>([&] { ImageStore(folder() / "none").Put(bytes_of(1), camera); }),
-              AllOf(HasSubstr("cannot keep images of keyframes in"), HasSubstr("No such file")));
+              HasAll("cannot keep images of keyframes in", "No such file"));
   {
     const FileSizeLimit limit(100);
     EXPECT_THAT(MessageOf<ProcessingError>([&] { store.Put(bytes_of(2), camera); }), HasSubstr("File too large"));

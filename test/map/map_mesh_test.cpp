@@ -1,4 +1,4 @@
-#include "acmp_mapping/map/map_mesh.h"
+#include "acmp_mapping/map/map_writer.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -14,19 +14,10 @@
 namespace acmp::test {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::HasSubstr;
-
 constexpr double kVoxel = 0.02;
 constexpr size_t kEnough = 2000000000;
 
-std::vector<SyntheticView> Room() {
-  SyntheticSceneOptions options;
-  options.width = 160;
-  options.height = 120;
-  options.keyframes = 6;
-  return MakeSyntheticScene(options);
-}
+std::vector<SyntheticView> Room() { return MakeSyntheticScene({160, 120, 6}); }
 
 void AddTo(MapStore* store, const PlacedKeyframes& keyframes) {
   for (size_t i = 0; i < keyframes.keyframes.size(); ++i) {
@@ -75,12 +66,9 @@ TEST(MapMeshTest, FarFromTheOriginItIsTheSame) {
 
 TEST(MapMeshTest, SaysWhatItCannotDo) {
   MapStore store({100, kVoxel});
-  EXPECT_THAT(ErrorOf([&] { MakeMapMesh(store, {0, kEnough}); }), HasSubstr("the map is empty"));
+  EXPECT_REFUSED(MakeMapMesh(store, {0, kEnough}), "the map is empty");
   AddTo(&store, RoomKeyframes(Room(), kVoxel));
-  EXPECT_THAT(ErrorOf([&] {
-                MakeMapMesh(store, {0, 1000000});
-              }),
-              AllOf(HasSubstr("more than the 1 MB"), HasSubstr("the voxel size must be larger")));
+  EXPECT_REFUSED(MakeMapMesh(store, {0, 1000000}), "more than the 1 MB", "the voxel size must be larger");
 }
 
 }  // namespace

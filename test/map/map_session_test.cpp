@@ -11,7 +11,6 @@
 namespace acmp::test {
 namespace {
 
-using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 constexpr double kSessionVoxel = 0.1;
@@ -207,17 +206,17 @@ TEST(MapSession, AllOrNothing) {
     keyframe->points_in_camera = std::make_shared<const PointCloud>(std::move(points));
   };
   EXPECT_THAT(refusal([](auto* s) { s->keyframes[1].key.id = 8; }),
-              AllOf(HasSubstr("keyframe 8 of \"a\", run 1"), HasSubstr("in the map already"), HasSubstr("reset")));
+              HasAll("keyframe 8 of \"a\", run 1", "in the map already", "reset"));
   EXPECT_THAT(refusal([](auto* s) { s->keyframes[1].key.id = 7; }),
               HasSubstr("keyframe 7 of \"a\", run 1 comes twice"));
   EXPECT_THAT(refusal([&](auto* s) {
                 replace(&s->keyframes[1], [](auto* points) { points->at(3).position.y = std::nanf(""); });
               }),
-              AllOf(HasSubstr("keyframe 9"), HasSubstr("point 3"), HasSubstr("must be finite")));
+              HasAll("keyframe 9", "point 3", "must be finite"));
   EXPECT_THAT(refusal([&](auto* s) { replace(&s->keyframes[1], [](auto* points) { points->at(3).confidence = 2; }); }),
               HasSubstr("confidence of point 3 = 2"));
   EXPECT_THAT(refusal([](auto* s) { s->keyframes[1].pose.world_from_cam.translation().x() = 1e9; }),
-              AllOf(HasSubstr("keyframe 9"), HasSubstr("must lie within")));
+              HasAll("keyframe 9", "must lie within"));
   EXPECT_THAT(refusal([](auto* s) { s->voxel_size = -1; }), HasSubstr("voxel_size = -1"));
   EXPECT_THAT(refusal([](auto* s) {
                 for (uint64_t id = 20; id < 22; ++id) {
@@ -225,7 +224,7 @@ TEST(MapSession, AllOrNothing) {
                   s->keyframes.back().key.id = id;
                 }
               }),
-              AllOf(HasSubstr("4 keyframes, and 1 are in the map"), HasSubstr("max_keyframes = 4")));
+              HasAll("4 keyframes, and 1 are in the map", "max_keyframes = 4"));
   MapStore empty({10, 0.0});
   EXPECT_THAT(ErrorOf([&] {
                 MapSession bad = session;

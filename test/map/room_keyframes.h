@@ -9,19 +9,28 @@
 
 namespace acmp::test {
 
+/// The points of a view's pixels in its camera's frame, at factor() times the true depth.
+template <class Factor>
+PointCloud PointsOf(const SyntheticView& view, const Factor& factor) {
+  PointCloud points;
+  const PinholeCamera& camera = view.frame.camera;
+  for (int row = 0; row < camera.height; ++row) {
+    for (int col = 0; col < camera.width; ++col) {
+      if (!(view.true_depth(col, row) > 0)) continue;
+      const double depth = factor() * view.true_depth(col, row);
+      const Eigen::Vector3f p = camera.Unproject({col, row}, depth).cast<float>();
+      points.push_back({{p.x(), p.y(), p.z()}, view.true_normal(col, row), view.frame.color(col, row), 0.9f});
+    }
+  }
+  return points;
+}
+
 /// The synthetic room's views as a map has them: true points, one per voxel.
 inline PlacedKeyframes RoomKeyframes(const std::vector<SyntheticView>& views, double voxel_size) {
   PlacedKeyframes map;
   map.voxel_size = voxel_size;
   for (const SyntheticView& view : views) {
-    PointCloud points;
-    const PinholeCamera& camera = view.frame.camera;
-    for (int row = 0; row < camera.height; ++row) {
-      for (int col = 0; col < camera.width; ++col) {
-        const Eigen::Vector3f p = camera.Unproject({col, row}, view.true_depth(col, row)).cast<float>();
-        points.push_back({{p.x(), p.y(), p.z()}, view.true_normal(col, row), view.frame.color(col, row), 0.9f});
-      }
-    }
+    const PointCloud points = PointsOf(view, [] { return 1.0; });
     map.keyframes.push_back({view.frame.cam_from_world.inverse(), 1,
                              std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(voxel_size)))});
   }

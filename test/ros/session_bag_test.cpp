@@ -17,7 +17,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
-#include "acmp_mapping/map/map_mesh.h"
+#include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/mesh/distance_volume.h"
 #include "acmp_mapping/ros/keyframe_points.h"

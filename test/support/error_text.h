@@ -2,6 +2,8 @@
 
 #include <string>
 
+#include "gmock/gmock.h"
+
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
@@ -17,4 +19,13 @@ std::string ErrorOf(Function&& function) {
   return "no error";
 }
 
+/// Matches a text that has all of these.
+template <class... Texts>
+auto HasAll(const Texts&... texts) {
+  return ::testing::AllOf(::testing::HasSubstr(texts)...);
+}
+
 }  // namespace acmp
+
+/// The statement throws an InvalidInputError whose message has all of these texts.
+#define EXPECT_REFUSED(statement, ...) EXPECT_THAT(::acmp::ErrorOf([&] { statement; }), ::acmp::HasAll(__VA_ARGS__))

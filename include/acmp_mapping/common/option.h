@@ -46,6 +46,10 @@ std::string DescribeValues(const Option& option);
 /// The shortest decimal that reads back as the float: 0.18 rather than 0.180000007.
 double ToDecimal(float value);
 
+/// The first of the words with the least edit distance (insertions, deletions and replacements of a letter) to `word`;
+/// nothing where even that is more than half of its letters.
+std::optional<std::string> MostSimilar(const std::string& word, const std::vector<std::string>& words);
+
 /// All options of an object that a user can set, in the order in which they are listed. They refer to the object.
 class OptionList {
  public:

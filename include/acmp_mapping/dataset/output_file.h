@@ -38,6 +38,8 @@ class AtomicFile {
 
   void Write(const void* data, size_t bytes);
   void Write(const std::string& text) { Write(text.data(), text.size()); }
+  /// What printf makes of it; numbers have a decimal point in any locale.
+  void Print(const char* format, ...) __attribute__((format(printf, 2, 3)));
   /// Writes at a place, counted from the file's beginning, where Write does not write. Several threads may do so at
   /// once.
   void WriteAt(size_t offset, const void* data, size_t bytes);

@@ -1,13 +1,14 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
+#include <unordered_set>
 #include <vector>
 
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/fusion/triangle_mesh.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
+#include "acmp_mapping/geometry/voxel.h"
 #include "acmp_mapping/image/image.h"
 
 namespace acmp {
@@ -46,9 +47,8 @@ std::vector<CloudMetrics> EvaluateCloud(const PointCloud& reconstruction, const 
 class ObservedSurface {
  public:
   /// `reconstruction` must outlive the object. Throws InvalidInputError unless spacing and tolerance are positive and
-  /// finite and the points' coordinates are finite.
+  /// finite and the points' coordinates are finite and at most kMaxVoxels spacings from the origin.
   ObservedSurface(const PointCloud& reconstruction, double spacing, double tolerance);
-  ~ObservedSurface();
 
   /// `depth`: unknown where not finite and > 0. `camera` is of the map's size. Throws InvalidInputError for another
   /// size, and for a point farther than 1e9 times the spacing from the origin.
@@ -65,8 +65,7 @@ class ObservedSurface {
   double spacing_, tolerance_;
   PointCloud cloud_;
   std::vector<uint8_t> observed_;
-  struct OccupiedVoxels;
-  std::unique_ptr<OccupiedVoxels> occupied_;
+  std::unordered_set<Voxel, VoxelHash> occupied_;  ///< by the cloud's points
 };
 
 /// Points all over a mesh, at most `spacing` apart: the middles of the equal triangles into which each triangle is cut.

@@ -3,13 +3,31 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <string>
 
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/map/map_mesh.h"
+#include "acmp_mapping/fusion/triangle_mesh.h"
 #include "acmp_mapping/map/map_store.h"
 
 namespace acmp {
+
+struct MapMeshOptions {
+  double voxel_size = 0;  ///< unit of the poses, >= 0; 0: that of the map, or the points' distance where it is larger
+  size_t max_bytes = 0;   ///< see DistanceVolumeOptions
+  std::function<void()> check = [] {};  ///< called before each keyframe; what it throws ends the work
+};
+
+struct MapMesh {
+  TriangleMesh mesh;                                 ///< local coordinates, axes of the world
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< of the local coordinates, in the world
+  size_t keyframes = 0;                              ///< that it is of
+};
+
+/// The surface of the map's keyframes at their poses. Of their points, which is what the map keeps, so
+/// that mapping and messages are as without it. Takes time in proportion to the points; the map is not held up. Throws
+/// InvalidInputError for an empty map and for more than max_bytes.
+MapMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options);
 
 /// The whole path of a file that whoever reaches the ROS master may name, which must lie below a folder. A relative
 /// path starts at the folder; links and .. are followed before the comparison. Throws InvalidInputError when the path
@@ -34,6 +52,27 @@ void WriteMap(const std::filesystem::path& path, const MapCloud& map, MapFormat 
 void WriteMap(const std::filesystem::path& path, const MapMesh& map, MeshFormat format);
 /// The path check of these. Throws InvalidInputError for one that cannot be a file.
 void CheckMapPath(const std::filesystem::path& path);
+
+/// What WriteColmapFolder has written, and what not.
+struct ColmapFolder {
+  size_t images = 0;          ///< keyframes that are in the model
+  size_t points = 0;          ///< of the cloud; those that no image sees are left out
+  size_t without_image = 0;   ///< keyframes that are not in it: no image was kept
+  size_t without_points = 0;  ///< the same: the map has nothing of them, as their poses did not fit
+};
+
+/// Throws InvalidInputError unless a folder can be written there: what has that name must be a folder with a COLMAP
+/// model, as this writes it, and nothing else, as other programs' results.
+void CheckColmapFolder(const std::filesystem::path& path);
+
+/// Writes the keyframes that have an image as a COLMAP model, which splat trainers, nerfstudio, OpenMVS and COLMAP
+/// read: images/SECONDS_NANOSECONDS_MAPPER.jpg, sparse/0/*.bin (WriteColmapModel) with the poses in use and at most
+/// ColmapPoints::kMaxPoints points of the map. Coordinates are the map's local ones. The folder appears under its name
+/// only when it is whole and on the disk, in place of an earlier one. Throws InvalidInputError for an empty map, one
+/// without images, and a path as CheckColmapFolder does, ProcessingError with the system's reason when writing fails.
+/// @param check called before each keyframe; what it throws ends the work
+ColmapFolder WriteColmapFolder(
+    const std::filesystem::path& path, const PlacedKeyframes& map, const std::function<void()>& check = [] {});
 
 /// Points as PCD files and ROS messages have them: x y z rgb normal_x normal_y normal_z confidence, each a
 /// little-endian float32; the bits of rgb are 0x00rrggbb, as PCL reads it.

@@ -43,7 +43,7 @@ struct SyntheticSceneOptions {
   int keyframes = 14;  ///< 2..1000
   uint32_t seed = 1;
   SyntheticPlace place = SyntheticPlace::kRoom;
-  ImagingModel imaging;
+  ImagingModel imaging = {};
   /// Something moves through the place, ahead of the camera. Frames have masks of it; true depths, normals and surfaces
   /// are those of the place without it.
   bool moving_object = false;
@@ -53,11 +53,9 @@ struct SyntheticSceneOptions {
   double field_of_view = 0;
 };
 
-/// "room": the room with the default camera. "hard": the office with a hand-held video camera indoors. "street": the
-/// street with a video camera by day.
-const std::vector<std::string>& SyntheticSceneNames();
-
-/// Sets place and imaging to those of a named scene. Throws InvalidInputError for a name that is not known.
+/// Sets place and imaging to those of a named scene. "room": the room with the default camera. "hard": the office with
+/// a hand-held video camera indoors. "street": the street with a video camera by day. Throws InvalidInputError for
+/// another name.
 void SelectSyntheticScene(const std::string& name, SyntheticSceneOptions* options);
 
 struct SyntheticView;
