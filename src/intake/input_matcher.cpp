@@ -32,8 +32,9 @@ InputMatcher::InputMatcher(const InputMatcherOptions& options)
       sync_tolerance_ns_(ToNs(options.sync_tolerance_s)),
       sparse_tolerance_ns_(ToNs(options.sparse_tolerance_s)) {
   Validate(options);
-  source_images_.assign(static_cast<size_t>(options.source_cameras),
-                        CompanionImages(std::max(kSameExposureNs, ToNs(options.source_tolerance_s))));
+  companions_.resize(kSourceStream);
+  companions_.resize(kSourceStream + static_cast<size_t>(options.source_cameras),
+                     CompanionImages(std::max(kSameExposureNs, ToNs(options.source_tolerance_s))));
 }
 
 void InputMatcher::AddImage(ImageSample image) {
@@ -81,14 +82,8 @@ size_t InputMatcher::CompanionCapacity() const {
   return static_cast<size_t>(options_.image_capacity) + kMoreThanImages;
 }
 
-void InputMatcher::AddMask(CompanionSample mask) { masks_.Add(std::move(mask), ++arrivals_, CompanionCapacity()); }
-
-void InputMatcher::AddPriorDepth(CompanionSample depth) {
-  prior_depths_.Add(std::move(depth), ++arrivals_, CompanionCapacity());
-}
-
-void InputMatcher::AddSourceImage(size_t camera, CompanionSample image) {
-  source_images_.at(camera).Add(std::move(image), ++arrivals_, CompanionCapacity());
+void InputMatcher::AddCompanion(size_t stream, CompanionSample sample) {
+  companions_.at(stream).Add(std::move(sample), ++arrivals_, CompanionCapacity());
 }
 
 std::vector<MatchEvent> InputMatcher::Take(double now_s) {
@@ -111,9 +106,7 @@ void InputMatcher::Clear(const std::string& reason) {
   images_.clear();
   poses_.clear();
   clouds_.clear();
-  masks_.Clear();
-  prior_depths_.Clear();
-  for (CompanionImages& images : source_images_) images.Clear();
+  for (CompanionImages& images : companions_) images.Clear();
   newest_image_ns_.reset();
   last_match_ns_.reset();
   pose_runs_ = cloud_runs_ = TimeJumpTracker();
@@ -128,9 +121,7 @@ void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
   // What is left of the old run would be poses and landmarks in what may be another world.
   KeepNewRun(stamp_ns, &pose_runs_, &poses_);
   KeepNewRun(stamp_ns, &cloud_runs_, &clouds_);
-  masks_.StartRun(stamp_ns);
-  prior_depths_.StartRun(stamp_ns);
-  for (CompanionImages& images : source_images_) images.StartRun(stamp_ns);
+  for (CompanionImages& images : companions_) images.StartRun(stamp_ns);
   events_.push_back(TimeJump{*newest_image_ns_, stamp_ns});
   newest_image_ns_.reset();
   last_match_ns_.reset();
@@ -230,37 +221,30 @@ SparseCloudPtr InputMatcher::ChooseCloud(int64_t stamp_ns) const {
 
 bool InputMatcher::CompanionsAreSettled(const WaitingImage& image, double now_s) const {
   if (now_s - image.ready_since_s >= options_.mask_wait_s) return true;
-  const bool is_first = !last_match_ns_;
-  const auto is_settled = [&](const CompanionImages& images) {
-    return images.IsSettled(image.sample.stamp_ns, is_first);
-  };
-  return is_settled(masks_) && is_settled(prior_depths_) &&
-         std::all_of(source_images_.begin(), source_images_.end(), is_settled);
+  return std::all_of(companions_.begin(), companions_.end(), [&](const CompanionImages& images) {
+    return images.IsSettled(image.sample.stamp_ns, !last_match_ns_);
+  });
+}
+
+RejectedInput InputMatcher::DescribeMissingCompanion(size_t stream, int64_t stamp_ns) const {
+  const std::string image = Concat("image ", FormatStamp(stamp_ns));
+  const std::string wait = Concat("~mask_wait ", options_.mask_wait_s, " s)");
+  if (stream == kMaskStream) return {"no_mask", image + " is used as a whole: no mask with its stamp came (" + wait};
+  if (stream == kPriorDepthStream) {
+    return {"no_prior_depth", image + " goes without: no prior depth with its stamp came (" + wait};
+  }
+  return {"no_source_image",
+          Concat(image, " goes without source camera ", stream - kSourceStream + 1, ": no image within ",
+                 ToMs(ToNs(options_.source_tolerance_s)), " ms of it came (~source_tolerance, ", wait)};
 }
 
 void InputMatcher::Emit(WaitingImage image) {
   last_match_ns_ = image.sample.stamp_ns;
-  MatchedInput match{std::move(image.sample), std::move(*image.pose), nullptr, std::nullopt, nullptr, nullptr, {}};
-  match.mask = masks_.Find(match.image.stamp_ns);
-  match.prior_depth = prior_depths_.Find(match.image.stamp_ns);
-  if (masks_.expected() && !match.mask) {
-    events_.push_back(RejectedInput{"no_mask", Concat("image ", FormatStamp(match.image.stamp_ns),
-                                                      " is used as a whole: no mask with its stamp came (~mask_wait ",
-                                                      options_.mask_wait_s, " s)")});
-  }
-  if (prior_depths_.expected() && !match.prior_depth) {
-    events_.push_back(RejectedInput{"no_prior_depth", Concat("image ", FormatStamp(match.image.stamp_ns),
-                                                             " goes without: no prior depth with its "
-                                                             "stamp came (~mask_wait ",
-                                                             options_.mask_wait_s, " s)")});
-  }
-  for (size_t camera = 0; camera < source_images_.size(); ++camera) {
-    match.source_images.push_back(source_images_[camera].Find(match.image.stamp_ns));
-    if (match.source_images.back() || !source_images_[camera].expected()) continue;
-    events_.push_back(RejectedInput{
-        "no_source_image", Concat("image ", FormatStamp(match.image.stamp_ns), " goes without source camera ",
-                                  camera + 1, ": no image within ", ToMs(ToNs(options_.source_tolerance_s)),
-                                  " ms of it came (~source_tolerance, ~mask_wait ", options_.mask_wait_s, " s)")});
+  MatchedInput match{std::move(image.sample), std::move(*image.pose), nullptr, std::nullopt, {}};
+  for (size_t stream = 0; stream < companions_.size(); ++stream) {
+    match.companions.push_back(companions_[stream].Find(match.image.stamp_ns));
+    if (match.companions.back() || !companions_[stream].expected()) continue;
+    events_.emplace_back(DescribeMissingCompanion(stream, match.image.stamp_ns));
   }
   match.cloud = ChooseCloud(match.image.stamp_ns);
   if (match.cloud) {

@@ -40,10 +40,9 @@ Mask ReadMaskFile(const std::string& path) {
 }
 
 /// Whether anybody publishes such messages, or has: those of a player that has ended may still be queued.
-bool Brings(InputStatus::Kind kind, const std::vector<std::unique_ptr<InputSource>>& sources, size_t camera = 0) {
-  return std::any_of(sources.begin(), sources.end(), [kind, camera](const auto& source) {
-    const InputStatus status = source->status();
-    return status.kind == kind && status.camera == camera && (status.publishers > 0 || status.received > 0);
+bool Brings(InputStatus::Kind kind, const std::vector<InputStatus>& inputs, size_t camera = 0) {
+  return std::any_of(inputs.begin(), inputs.end(), [kind, camera](const InputStatus& input) {
+    return input.kind == kind && input.camera == camera && (input.publishers > 0 || input.received > 0);
   });
 }
 
@@ -170,67 +169,28 @@ void DenseMapperNodelet::StartReconfigure() {
   reconfigure_->setCallback([this](DenseMapperConfig& config, uint32_t) { HandleConfig(config); });
 }
 
-template <class Add>
-void DenseMapperNodelet::Receive(const Add& add) {
-  {
-    std::lock_guard<std::mutex> lock(intake_mutex_);
-    add(intake_.get());
-  }
-  Deliver();
-}
-
 void DenseMapperNodelet::Subscribe() {
-  ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
-  InputHandlers handlers;
-  handlers.on_cloud = [this](SparseCloudPtr c) { Receive([&](auto* intake) { intake->AddCloud(std::move(c)); }); };
-  handlers.on_mask = [this](CompanionSample m) { Receive([&](auto* intake) { intake->AddMask(std::move(m)); }); };
-  handlers.on_prior_depth = [this](CompanionSample d) {
-    Receive([&](auto* intake) { intake->AddPriorDepth(std::move(d)); });
+  InputSink sink;
+  sink.receive = [this](const std::function<void(KeyframeIntake*)>& add) {
+    {
+      std::lock_guard<std::mutex> lock(intake_mutex_);
+      add(intake_.get());
+    }
+    Deliver();
   };
-  handlers.on_source_image = [this](size_t camera, std::shared_ptr<const EncodedImage> image) {
-    if (paused_) return;
-    Receive([&](auto* intake) { intake->AddSourceImage(camera, std::move(image)); });
-  };
-  handlers.on_source_camera_info = [this](size_t camera, const sensor_msgs::CameraInfo& info) {
-    Receive([&](auto* intake) { intake->AddSourceCameraInfo(camera, info); });
-  };
-  handlers.on_pose = [this](PoseSample p) { Receive([&](auto* intake) { intake->AddPose(std::move(p)); }); };
-  handlers.on_tf = [this] { Deliver(); };
-  handlers.on_extrinsic = [this](const RigidTransform& t) { Receive([&](auto* intake) { intake->SetExtrinsic(t); }); };
-  handlers.on_camera_info = [this](const sensor_msgs::CameraInfo& info) {
-    Receive([&](auto* intake) { intake->AddCameraInfo(info); });
-  };
-  handlers.on_image = [this](std::shared_ptr<const EncodedImage> image) {
-    if (DropWhilePaused(image->header())) return;
-    Receive([&](auto* intake) { intake->AddImage(std::move(image), SteadySeconds()); });
-  };
-  handlers.on_keyframe = [this](const acmp_mapping::KeyframeConstPtr& keyframe) {
-    if (DropWhilePaused(keyframe->header)) return;
-    Receive([&](auto* intake) { intake->AddKeyframe(keyframe, SteadySeconds()); });
-  };
-  handlers.on_drop = [this](const RejectedInput& drop) { Report(drop); };
-  sources_ = MakeInputSources(nh, options_, handlers);
+  sink.is_paused = [this] { return paused_.load(); };
+  sink.on_drop = [this](const RejectedInput& drop) { Report(drop); };
+  sources_ = MakeInputSources(input_thread_.Attach(getNodeHandle()), options_, sink);
   deliver_timer_ = input_thread_.MakeTimer(getNodeHandle(), kDeliverPeriodS, [this] { Deliver(); });
 }
 
 void DenseMapperNodelet::StartServices() {
   AddTrigger(&service_thread_, names::kFlush, [this] { return Flush(); });
   AddTrigger(&urgent_thread_, names::kReset, [this] { return Reset(); });
-  using std_srvs::SetBool;
-  const boost::function<bool(SetBool::Request&, SetBool::Response&)> pause = [this](SetBool::Request& request,
-                                                                                    SetBool::Response& response) {
+  AddService<std_srvs::SetBool>(&urgent_thread_, names::kPause, [this](const auto& request, auto* response) {
     paused_ = request.data;
-    response.message = paused_ ? "paused: images are dropped" : "running";
-    response.success = true;
-    return true;
-  };
-  services_.push_back(urgent_thread_.Attach(getPrivateNodeHandle()).advertiseService(names::kPause, pause));
-}
-
-bool DenseMapperNodelet::DropWhilePaused(const std_msgs::Header& header) {
-  if (paused_)
-    Report(RejectedInput{"paused", Concat("image ", FormatStamp(ToStampNs(header.stamp)), " (~pause)"), true});
-  return paused_;
+    response->message = paused_ ? "paused: images are dropped" : "running";
+  });
 }
 
 void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
@@ -298,23 +258,20 @@ void DenseMapperNodelet::WaitForArriving() {
 }
 
 void DenseMapperNodelet::Deliver(bool all) {
-  const bool clouds_expected = Brings(InputStatus::Kind::kCloud, sources_);
-  const bool masks_expected = Brings(InputStatus::Kind::kMask, sources_);
-  const bool prior_depth_expected = Brings(InputStatus::Kind::kPriorDepth, sources_);
-  std::vector<char> sources_expected;
-  for (int i = 0; i < options_.matcher.source_cameras; ++i) {
-    sources_expected.push_back(Brings(InputStatus::Kind::kSourceImage, sources_, static_cast<size_t>(i)));
-  }
+  using Kind = InputStatus::Kind;
+  const std::vector<InputStatus> inputs = InputStatuses();
   std::lock_guard<std::mutex> delivery_lock(delivery_mutex_);
   std::vector<IntakeEvent> events;
   {
     std::lock_guard<std::mutex> lock(intake_mutex_);
-    intake_->set_clouds_expected(clouds_expected);
-    intake_->set_masks_expected(masks_expected);
-    intake_->set_prior_depth_expected(prior_depth_expected);
-    for (size_t i = 0; i < sources_expected.size(); ++i) intake_->set_source_expected(i, sources_expected[i] != 0);
+    intake_->set_clouds_expected(Brings(Kind::kCloud, inputs));
+    intake_->set_masks_expected(Brings(Kind::kMask, inputs));
+    intake_->set_prior_depth_expected(Brings(Kind::kPriorDepth, inputs));
+    for (size_t i = 0; i < static_cast<size_t>(options_.matcher.source_cameras); ++i) {
+      intake_->set_source_expected(i, Brings(Kind::kSourceImage, inputs, i));
+    }
     events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds() - blocked_s_);
-    publisher_->set_images(ImagesReceived(InputStatuses()) - intake_->not_chosen() - intake_->unposed_images());
+    publisher_->set_images(ImagesReceived(inputs) - intake_->not_chosen() - intake_->unposed_images());
   }
   const double start_s = SteadySeconds();
   for (IntakeEvent& event : events) Dispatch(std::move(event), all);

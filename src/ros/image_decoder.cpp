@@ -1,7 +1,6 @@
 #include "acmp_mapping/ros/input_conversion.h"
 
 #include <algorithm>
-#include <array>
 #include <cstring>
 #include <string_view>
 
@@ -20,32 +19,29 @@ namespace encodings = sensor_msgs::image_encodings;
 struct PixelFormat {
   const char* name;
   int channels;
-  int conversion;  ///< of cv::cvtColor
+  int conversion;                   ///< of cv::cvtColor
+  const char* taken_for = nullptr;  ///< what the name leaves open; null: nothing
 };
 
 constexpr int kNone = -1;
-// OpenCV names a Bayer pattern after its second row and column.
-constexpr std::array<PixelFormat, 12> kFormats = {{{"mono8", 1, cv::COLOR_GRAY2RGB},
-                                                   {"rgb8", 3, kNone},
-                                                   {"bgr8", 3, cv::COLOR_BGR2RGB},
-                                                   {"rgba8", 4, cv::COLOR_RGBA2RGB},
-                                                   {"bgra8", 4, cv::COLOR_BGRA2RGB},
-                                                   {"bayer_rggb8", 1, cv::COLOR_BayerBG2RGB},
-                                                   {"bayer_bggr8", 1, cv::COLOR_BayerRG2RGB},
-                                                   {"bayer_gbrg8", 1, cv::COLOR_BayerGR2RGB},
-                                                   {"bayer_grbg8", 1, cv::COLOR_BayerGB2RGB},
-                                                   {"yuv422", 2, cv::COLOR_YUV2RGB_UYVY},
-                                                   {"yuv422_yuy2", 2, cv::COLOR_YUV2RGB_YUY2},
-                                                   {"yuyv", 2, cv::COLOR_YUV2RGB_YUY2}}};
-
-struct Alias {
-  const char* name;
-  const char* meaning;
-};
-
-// As cv_bridge names OpenCV's images when it is not told more; OpenCV has blue first.
-constexpr std::array<Alias, 4> kAliases = {
-    {{"8UC1", "mono8"}, {"8UC3", "bgr8"}, {"8UC4", "bgra8"}, {"uyvy", "yuv422"}}};
+// OpenCV names a Bayer pattern after its second row and column. As 8UC* cv_bridge names OpenCV's images when it is not
+// told more; OpenCV has blue first.
+constexpr PixelFormat kFormats[] = {{"mono8", 1, cv::COLOR_GRAY2RGB},
+                                    {"rgb8", 3, kNone},
+                                    {"bgr8", 3, cv::COLOR_BGR2RGB},
+                                    {"rgba8", 4, cv::COLOR_RGBA2RGB},
+                                    {"bgra8", 4, cv::COLOR_BGRA2RGB},
+                                    {"bayer_rggb8", 1, cv::COLOR_BayerBG2RGB},
+                                    {"bayer_bggr8", 1, cv::COLOR_BayerRG2RGB},
+                                    {"bayer_gbrg8", 1, cv::COLOR_BayerGR2RGB},
+                                    {"bayer_grbg8", 1, cv::COLOR_BayerGB2RGB},
+                                    {"yuv422", 2, cv::COLOR_YUV2RGB_UYVY},
+                                    {"uyvy", 2, cv::COLOR_YUV2RGB_UYVY},
+                                    {"yuv422_yuy2", 2, cv::COLOR_YUV2RGB_YUY2},
+                                    {"yuyv", 2, cv::COLOR_YUV2RGB_YUY2},
+                                    {"8UC1", 1, cv::COLOR_GRAY2RGB, "mono8"},
+                                    {"8UC3", 3, cv::COLOR_BGR2RGB, "bgr8"},
+                                    {"8UC4", 4, cv::COLOR_BGRA2RGB, "bgra8"}};
 
 bool EndsWith(const std::string& text, std::string_view ending) {
   return text.size() >= ending.size() && text.compare(text.size() - ending.size(), ending.size(), ending) == 0;
@@ -58,9 +54,9 @@ std::string WithEightBits(const std::string& encoding) {
 }
 
 const PixelFormat& FindFormat(const std::string& name, const std::string& encoding) {
-  const auto* const found = std::find_if(kFormats.begin(), kFormats.end(),
-                                         [&](const PixelFormat& format) { return encoding == format.name; });
-  if (found != kFormats.end()) return *found;
+  for (const PixelFormat& format : kFormats) {
+    if (encoding == format.name) return format;
+  }
   const bool depth = encoding == encodings::TYPE_16UC1 || encoding == encodings::TYPE_32FC1;
   throw InvalidInputError(
       Concat(name, depth ? ": is it a depth map? It must be" : ": must be",
@@ -70,15 +66,6 @@ const PixelFormat& FindFormat(const std::string& name, const std::string& encodi
 
 bool IsGrey(const ColorImage& image) {
   return std::all_of(image.begin(), image.end(), [](const Rgb& p) { return p.r == p.g && p.g == p.b; });
-}
-
-std::string MeaningOf(const std::string& encoding, std::string* note) {
-  for (const Alias& alias : kAliases) {
-    if (encoding != alias.name) continue;
-    if (encoding.front() == '8') *note = Concat("images of encoding \"", encoding, "\" are taken for ", alias.meaning);
-    return alias.meaning;
-  }
-  return encoding;
 }
 
 }  // namespace
@@ -91,9 +78,9 @@ cv::Mat ImageDecoder::Decode(const EncodedImage& image, const PinholeCamera* cam
   CheckImageSides(name, raw);
   const uint64_t needed = uint64_t{raw.height} * raw.step;
   if (raw.data.size() != needed) throw InvalidInputError(Concat(name, ": must have ", needed, " bytes"));
-  const std::string encoding = MeaningOf(raw.encoding, &note_);
-  const std::string eight_bits = WithEightBits(encoding);
-  const PixelFormat& format = FindFormat(name, eight_bits.empty() ? encoding : eight_bits);
+  const std::string eight_bits = WithEightBits(raw.encoding);
+  const PixelFormat& format = FindFormat(name, eight_bits.empty() ? raw.encoding : eight_bits);
+  if (format.taken_for) note_ = Concat("images of encoding \"", raw.encoding, "\" are taken for ", format.taken_for);
   const uint64_t row_bytes = uint64_t{raw.width} * format.channels * (eight_bits.empty() ? 1 : 2);
   if (raw.step < row_bytes) throw InvalidInputError(Concat(name, ": must have a step of at least ", row_bytes));
   const int depth = eight_bits.empty() ? CV_8U : CV_16U;
@@ -106,7 +93,7 @@ cv::Mat ImageDecoder::Decode(const EncodedImage& image, const PinholeCamera* cam
       *number = static_cast<uint16_t>(*number << 8 | *number >> 8);
     }
   }
-  return Convert(name, encoding, pixels);
+  return Convert(name, raw.encoding, pixels);
 }
 
 cv::Mat ImageDecoder::DecodeCompressed(const sensor_msgs::CompressedImage& image, const PinholeCamera* camera) {

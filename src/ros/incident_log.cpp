@@ -1,6 +1,12 @@
 #include "acmp_mapping/ros/incident_log.h"
 
+#include <chrono>
+
 namespace acmp {
+
+double SteadySeconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
 
 std::string Printable(const std::string& text) {
   constexpr char kDigits[] = "0123456789abcdef";

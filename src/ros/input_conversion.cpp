@@ -136,6 +136,13 @@ void AddPoint(const Eigen::Vector3d& point, SparseCloud* sparse) {
   }
 }
 
+void CheckBytes(const std::string& name, const sensor_msgs::Image& image, uint64_t pixel_bytes) {
+  const uint64_t row_bytes = image.width * pixel_bytes, needed = uint64_t{image.height} * image.step;
+  if (image.step >= row_bytes && image.data.size() >= needed) return;
+  throw InvalidInputError(Concat(name, " of ", image.width, "x", image.height, " pixels, step ", image.step, ", with ",
+                                 image.data.size(), " bytes: needs ", needed, ", and a step of ", row_bytes));
+}
+
 /// A number of the message, with its bytes the other way round if `swap`.
 template <class T>
 T ReadAs(const uint8_t* from, bool swap) {
@@ -157,11 +164,7 @@ CompanionSample ToMaskSample(const sensor_msgs::ImageConstPtr& message) {
     throw InvalidInputError(
         Concat(name, ": encoding \"", mask.encoding, "\": must be mono8, where 0 means to ignore the pixel"));
   }
-  const uint64_t needed = static_cast<uint64_t>(mask.height) * mask.step;
-  if (mask.step < mask.width || mask.data.size() < needed) {
-    throw InvalidInputError(Concat(name, " of ", mask.width, "x", mask.height, " pixels, step ", mask.step, ", with ",
-                                   mask.data.size(), " bytes: needs ", needed, ", and a step of ", mask.width));
-  }
+  CheckBytes(name, mask, 1);
   return {ToStampNs(mask.header.stamp), std::make_shared<const EncodedImage>(EncodedImage{message, nullptr})};
 }
 
@@ -188,13 +191,7 @@ CompanionSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message) {
                                    "\": must be 32FC1 (in the world's unit) or 16UC1 (thousandths of it)"));
   }
   CheckImageSides(name, depth);
-  const uint64_t row_bytes = uint64_t{depth.width} * (is_float ? sizeof(float) : sizeof(uint16_t));
-  const uint64_t needed = uint64_t{depth.height} * depth.step;
-  if (depth.step < row_bytes || depth.data.size() < needed) {
-    throw InvalidInputError(Concat(name, " of ", depth.width, "x", depth.height, " pixels, step ", depth.step,
-                                   ", with ", depth.data.size(), " bytes: needs ", needed, ", and a step of ",
-                                   row_bytes));
-  }
+  CheckBytes(name, depth, is_float ? sizeof(float) : sizeof(uint16_t));
   return {ToStampNs(depth.header.stamp), std::make_shared<const EncodedImage>(EncodedImage{message, nullptr})};
 }
 
@@ -341,10 +338,9 @@ PoseSample ToPoseSample(const nav_msgs::Odometry& message) {
 }
 
 PoseSample ToPoseSample(const geometry_msgs::TransformStamped& message) {
+  const geometry_msgs::Vector3& position = message.transform.translation;
   geometry_msgs::Pose pose;
-  pose.position.x = message.transform.translation.x;
-  pose.position.y = message.transform.translation.y;
-  pose.position.z = message.transform.translation.z;
+  pose.position.x = position.x, pose.position.y = position.y, pose.position.z = position.z;
   pose.orientation = message.transform.rotation;
   return ToPoseSample(message.header, message.child_frame_id, pose);
 }

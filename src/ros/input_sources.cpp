@@ -1,13 +1,14 @@
 #include "acmp_mapping/ros/input_sources.h"
 
 #include <atomic>
-#include <chrono>
+#include <functional>
 #include <utility>
 
 #include <tf2_msgs/TFMessage.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/checked_messages.h"
+#include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
@@ -26,6 +27,7 @@ std::string TypeOf() {
 }
 
 bool BringsImages(Kind kind) { return kind == Kind::kImage || kind == Kind::kKeyframe; }
+bool EndsWhilePaused(Kind kind) { return BringsImages(kind) || kind == Kind::kSourceImage; }
 
 /// What to subscribe to.
 struct InputStream {
@@ -47,8 +49,8 @@ class TopicSource : public InputSource {
   TopicSource(ros::NodeHandle nh, const InputStream& stream, std::function<void(const ConstPtr&)> handle,
               std::function<void(const RejectedInput&)> on_drop)
       : stream_(stream), handle_(std::move(handle)), on_drop_(std::move(on_drop)) {
-    const boost::function<void(const ConstPtr&)> callback = [this](const ConstPtr& message) { Receive(message); };
-    subscriber_ = SubscribeChecked<Message>(nh, stream.topic, stream.queue, callback);
+    subscriber_ = SubscribeChecked<Message>(nh, stream.topic, stream.queue,
+                                            [this](const ConstPtr& message) { Receive(message); });
   }
 
   InputStatus status() const override {
@@ -138,53 +140,49 @@ std::string AdviceOn(const InputStatus& input, const std::map<std::string, std::
 /// Makes the sources of one node.
 class SourceFactory {
  public:
-  SourceFactory(const ros::NodeHandle& nh, const NodeOptions& options, const InputHandlers& handlers)
-      : nh_(nh), options_(options), handlers_(handlers) {}
+  SourceFactory(const ros::NodeHandle& nh, const NodeOptions& options, InputSink sink)
+      : nh_(nh), options_(options), sink_(std::move(sink)) {}
 
   std::vector<std::unique_ptr<InputSource>> Make() {
     if (options_.keyframe_mode == KeyframeMode::kExternal) {
-      Add<acmp_mapping::Keyframe>({Kind::kKeyframe, names::kKeyframe, kCloudQueue, "bad_keyframe", true},
-                                  handlers_.on_keyframe);
+      Add<acmp_mapping::Keyframe>(
+          {Kind::kKeyframe, names::kKeyframe, kCloudQueue, "bad_keyframe", true}, kAsItIs,
+          [](auto* intake, const auto& keyframe) { intake->AddKeyframe(keyframe, SteadySeconds()); });
     } else {
       AddCloud<sensor_msgs::PointCloud2>(names::kSparsePoints);
       AddCloud<sensor_msgs::PointCloud>(names::kSparsePointsV1);
       AddPoses();
       if (options_.calibration_file.empty()) {
         Add<sensor_msgs::CameraInfo>({Kind::kCameraInfo, names::kCameraInfo, kCameraInfoQueue, "bad_camera_info", true},
-                                     [on_info = handlers_.on_camera_info](const auto& message) { on_info(*message); });
+                                     kAsItIs, [](auto* intake, const auto& info) { intake->AddCameraInfo(*info); });
       }
-      AddImages({Kind::kImage, names::kImage, kImageQueue, "bad_image", true}, handlers_.on_image);
+      AddImages({Kind::kImage, names::kImage, kImageQueue, "bad_image", true},
+                [](auto* intake, const auto& image) { intake->AddImage(image, SteadySeconds()); });
     }
     for (size_t camera = 0; camera < static_cast<size_t>(options_.matcher.source_cameras); ++camera) {
-      AddSourceCamera(camera);
+      if (options_.source_calibration_file.empty()) {
+        Add<sensor_msgs::CameraInfo>(
+            {Kind::kSourceInfo, names::kSourceCameraInfos[camera], kCameraInfoQueue, "bad_camera_info", false, camera},
+            kAsItIs, [camera](auto* intake, const auto& info) { intake->AddSourceCameraInfo(camera, *info); });
+      }
+      AddImages({Kind::kSourceImage, names::kSourceImages[camera], kImageQueue, "bad_source_image", false, camera},
+                [camera](auto* intake, const auto& image) { intake->AddSourceImage(camera, image); });
     }
-    Add<sensor_msgs::Image>({Kind::kMask, names::kMask, kImageQueue, "bad_mask", false},
-                            [on_mask = handlers_.on_mask](const auto& message) { on_mask(ToMaskSample(message)); });
-    Add<sensor_msgs::Image>(
-        {Kind::kPriorDepth, names::kPriorDepth, kImageQueue, "bad_prior_depth", false},
-        [on_depth = handlers_.on_prior_depth](const auto& message) { on_depth(ToPriorDepthSample(message)); });
+    Add<sensor_msgs::Image>({Kind::kMask, names::kMask, kImageQueue, "bad_mask", false}, &ToMaskSample,
+                            &KeyframeIntake::AddMask);
+    Add<sensor_msgs::Image>({Kind::kPriorDepth, names::kPriorDepth, kImageQueue, "bad_prior_depth", false},
+                            &ToPriorDepthSample, &KeyframeIntake::AddPriorDepth);
     if (NeedsExtrinsic(options_)) {
-      Add<nav_msgs::Odometry>({Kind::kExtrinsic, names::kExtrinsic, 1, "bad_extrinsic", false},
-                              [on_extrinsic = handlers_.on_extrinsic](const auto& message) {
-                                on_extrinsic(ToTransform(message->pose.pose));
-                              });
+      Add<nav_msgs::Odometry>(
+          {Kind::kExtrinsic, names::kExtrinsic, 1, "bad_extrinsic", false},
+          [](const auto& message) { return ToTransform(message->pose.pose); }, &KeyframeIntake::SetExtrinsic);
     }
     CheckCameras();
     return std::move(sources_);
   }
 
  private:
-  void AddSourceCamera(size_t camera) {
-    if (options_.source_calibration_file.empty()) {
-      Add<sensor_msgs::CameraInfo>(
-          {Kind::kSourceInfo, names::kSourceCameraInfos[camera], kCameraInfoQueue, "bad_camera_info", false, camera},
-          [camera, on_info = handlers_.on_source_camera_info](const auto& message) { on_info(camera, *message); });
-    }
-    AddImages({Kind::kSourceImage, names::kSourceImages[camera], kImageQueue, "bad_source_image", false, camera},
-              [camera, on_image = handlers_.on_source_image](std::shared_ptr<const EncodedImage> image) {
-                on_image(camera, std::move(image));
-              });
-  }
+  static constexpr auto kAsItIs = [](const auto& message) { return message; };
 
   void CheckCameras() const {
     std::map<std::string, std::string> cameras;
@@ -200,18 +198,29 @@ class SourceFactory {
     }
   }
 
-  template <class Message>
-  void Add(const InputStream& stream, std::function<void(const boost::shared_ptr<const Message>&)> handle) {
-    InputStream named = stream;
+  /// @param convert makes of a message what take(intake, sample) gets; the intake is not locked meanwhile
+  template <class Message, class Convert, class Take>
+  void Add(InputStream stream, Convert convert, Take take) {
     // With overload: block the messages of a recording wait here, all of them (0: no limit).
-    if (options_.overload == OverloadPolicy::kBlock && stream.queue > 1) named.queue = 0;
-    sources_.push_back(std::make_unique<TopicSource<Message>>(nh_, named, std::move(handle), handlers_.on_drop));
+    if (options_.overload == OverloadPolicy::kBlock && stream.queue > 1) stream.queue = 0;
+    const auto handle = [kind = stream.kind, sink = sink_, convert,
+                         take](const boost::shared_ptr<const Message>& message) {
+      if (EndsWhilePaused(kind) && sink.is_paused()) {
+        const std::string stamp = FormatStamp(ToStampNs(ros::message_traits::header(*message)->stamp));
+        if (BringsImages(kind)) sink.on_drop({"paused", Concat("image ", stamp, " (~pause)"), true});
+        return;
+      }
+      auto sample = convert(message);
+      sink.receive([&](KeyframeIntake* intake) { std::invoke(take, intake, std::move(sample)); });
+    };
+    sources_.push_back(std::make_unique<TopicSource<Message>>(nh_, stream, handle, sink_.on_drop));
   }
 
   template <class Message>
   void AddPose(const char* topic) {
-    Add<Message>({Kind::kPose, topic, kPoseQueue, "bad_pose", true},
-                 [on_pose = handlers_.on_pose](const auto& message) { on_pose(ToPoseSample(*message)); });
+    Add<Message>(
+        {Kind::kPose, topic, kPoseQueue, "bad_pose", true}, [](const auto& message) { return ToPoseSample(*message); },
+        &KeyframeIntake::AddPose);
   }
 
   void AddPoses() {
@@ -224,45 +233,46 @@ class SourceFactory {
         return AddPose<nav_msgs::Odometry>(names::kOdometry);
       case PoseSource::kTransform:
         return AddPose<geometry_msgs::TransformStamped>(names::kTransform);
-      case PoseSource::kTf:
-        return Add<tf2_msgs::TFMessage>({Kind::kPose, names::kTf, kPoseQueue, "bad_pose", true},
-                                        [on_tf = handlers_.on_tf](const auto&) { on_tf(); });
+      case PoseSource::kTf:  // TfLookup has the transforms, too: here they tell that poses may have come
+        return Add<tf2_msgs::TFMessage>({Kind::kPose, names::kTf, kPoseQueue, "bad_pose", true}, kAsItIs,
+                                        [](const auto&...) {});
     }
   }
 
   template <class Message>
   void AddCloud(const char* topic) {
-    Add<Message>({Kind::kCloud, topic, kCloudQueue, "bad_sparse_points", false},
-                 [on_cloud = handlers_.on_cloud](const auto& message) {
-                   on_cloud(std::make_shared<const SparseCloud>(ToSparseCloud(*message)));
-                 });
+    Add<Message>(
+        {Kind::kCloud, topic, kCloudQueue, "bad_sparse_points", false},
+        [](const auto& message) { return std::make_shared<const SparseCloud>(ToSparseCloud(*message)); },
+        &KeyframeIntake::AddCloud);
   }
 
-  void AddImages(InputStream stream, const std::function<void(std::shared_ptr<const EncodedImage>)>& on_image) {
+  template <class Take>
+  void AddImages(InputStream stream, Take take) {
     if (options_.image_transport == ImageTransport::kRaw) {
-      const std::string topic = nh_.resolveName(stream.topic);
-      Add<sensor_msgs::Image>(stream, [on_image, topic](const sensor_msgs::ImageConstPtr& message) {
-        on_image(std::make_shared<const EncodedImage>(EncodedImage{message, nullptr, topic}));
-      });
-      return;
+      const auto convert = [topic = nh_.resolveName(stream.topic)](const sensor_msgs::ImageConstPtr& message) {
+        return std::make_shared<const EncodedImage>(EncodedImage{message, nullptr, topic});
+      };
+      return Add<sensor_msgs::Image>(stream, convert, take);
     }
     stream.topic = CompressedTopic(nh_, stream.topic);
-    Add<sensor_msgs::CompressedImage>(stream, [on_image, topic = stream.topic](const auto& message) {
-      on_image(std::make_shared<const EncodedImage>(EncodedImage{nullptr, message, topic}));
-    });
+    const auto convert = [topic = stream.topic](const sensor_msgs::CompressedImageConstPtr& message) {
+      return std::make_shared<const EncodedImage>(EncodedImage{nullptr, message, topic});
+    };
+    Add<sensor_msgs::CompressedImage>(stream, convert, take);
   }
 
   ros::NodeHandle nh_;
   const NodeOptions& options_;
-  const InputHandlers& handlers_;
+  const InputSink sink_;
   std::vector<std::unique_ptr<InputSource>> sources_;
 };
 
 }  // namespace
 
 std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle& nh, const NodeOptions& options,
-                                                           const InputHandlers& handlers) {
-  return SourceFactory(nh, options, handlers).Make();
+                                                           const InputSink& sink) {
+  return SourceFactory(nh, options, sink).Make();
 }
 
 void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs) {
@@ -277,10 +287,6 @@ uint64_t ImagesReceived(const std::vector<InputStatus>& inputs) {
     if (BringsImages(input.kind)) received += input.received;
   }
   return received;
-}
-
-double SteadySeconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
 }  // namespace acmp

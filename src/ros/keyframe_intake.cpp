@@ -70,13 +70,7 @@ void KeyframeIntake::AddImage(std::shared_ptr<const EncodedImage> image, double 
 }
 
 void KeyframeIntake::AddCameraInfo(const sensor_msgs::CameraInfo& info) {
-  if (calibration_ && info.K == last_info_.K && info.P == last_info_.P && info.D == last_info_.D &&
-      info.distortion_model == last_info_.distortion_model && info.width == last_info_.width &&
-      info.height == last_info_.height && info.binning_x == last_info_.binning_x &&
-      info.binning_y == last_info_.binning_y && info.roi == last_info_.roi &&
-      info.header.frame_id == last_info_.header.frame_id) {
-    return;
-  }
+  if (calibration_ && SaysTheSame(info, last_info_)) return;
   try {
     calibration_ = CheckedCalibration(info, options_);
   } catch (const InvalidInputError&) {
@@ -99,7 +93,7 @@ const CalibrationPtr& KeyframeIntake::CalibrationAt(int64_t stamp_ns) const {
 
 void KeyframeIntake::AddSourceImage(size_t camera, std::shared_ptr<const EncodedImage> image) {
   const int64_t stamp_ns = ToStampNs(image->header().stamp);
-  matcher_.AddSourceImage(camera, {stamp_ns, std::move(image)});
+  matcher_.AddCompanion(kSourceStream + camera, {stamp_ns, std::move(image)});
 }
 
 void KeyframeIntake::AddPose(PoseSample pose) {
@@ -257,8 +251,8 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   input.stamp_ns = match.image.stamp_ns;
   input.arrival_s = match.image.arrival_s;
   input.image = match.image.image;
-  input.mask = match.mask;
-  input.prior_depth = match.prior_depth;
+  input.mask = match.companions[kMaskStream];
+  input.prior_depth = match.companions[kPriorDepthStream];
   input.calibration = CalibrationAt(input.stamp_ns);
   input.camera_frame = options_.camera_frame;
   if (input.camera_frame.empty()) input.camera_frame = StripLeadingSlash(match.image.image->header().frame_id);
@@ -267,9 +261,10 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   input.world_frame = options_.world_frame.empty() ? match.pose.world_frame : options_.world_frame;
   if (input.world_frame.empty()) input.world_frame = kNamelessWorld;
   input.world_from_cam = resolver_.WorldFromCamera(match.pose.received);
-  for (size_t camera = 0; camera < match.source_images.size(); ++camera) {
-    if (!match.source_images[camera]) continue;
-    auto placed = sources_.Place(camera, match.source_images[camera], last_info_, input.camera_frame);
+  for (size_t camera = 0; camera < sources_.size(); ++camera) {
+    const auto& image = match.companions[kSourceStream + camera];
+    if (!image) continue;
+    auto placed = sources_.Place(camera, image, last_info_, input.camera_frame);
     if (auto* source = std::get_if<SourceImage>(&placed)) input.source_images.push_back(std::move(*source));
     if (auto* rejected = std::get_if<RejectedInput>(&placed)) events->emplace_back(std::move(*rejected));
   }

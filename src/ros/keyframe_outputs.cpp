@@ -1,5 +1,6 @@
 #include "acmp_mapping/ros/keyframe_outputs.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "acmp_mapping/common/error.h"
@@ -73,6 +74,23 @@ std::string DescribePixels(const KeyframeOutput& output) {
                 share(not_confident), "below min_confidence, ", share(guessed), "filled in where no view confirms it, ",
                 share(without_depth), "without depth, ", share(masked), "masked; ", share(at_range_end),
                 "at an end of the depth range, ", maps.range.min, " to ", maps.range.max);
+}
+
+void LatencyWindow::Add(double latency_ms) {
+  if (latencies_ms_.size() < kCapacity) {
+    latencies_ms_.push_back(latency_ms);
+  } else {
+    latencies_ms_[count_ % kCapacity] = latency_ms;
+  }
+  ++count_;
+}
+
+LatencyWindow::Quantiles LatencyWindow::quantiles() const {
+  if (latencies_ms_.empty()) return {};
+  std::vector<double> sorted = latencies_ms_;
+  std::sort(sorted.begin(), sorted.end());
+  const size_t last = sorted.size() - 1;
+  return {count_, sorted[last / 2], sorted[last * 99 / 100], sorted[last]};
 }
 
 void OutputStatus::CountRefined(const KeyframeDepth& maps, bool counts) {

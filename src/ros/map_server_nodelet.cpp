@@ -10,8 +10,7 @@
 #include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/input_conversion.h"
-#include "acmp_mapping/ros/input_sources.h"
-#include "acmp_mapping/ros/optimized_path.h"
+#include "acmp_mapping/ros/keyframe_points.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/ros/topic_names.h"
 
@@ -19,8 +18,6 @@ namespace acmp {
 namespace {
 
 using acmp_mapping::KeyframePoints;
-using acmp_mapping::LoadSession;
-using acmp_mapping::SaveMap;
 
 constexpr char kSessionEnding[] = ".bag";
 constexpr size_t kMaxMappers = 100;  ///< all are in diagnostics and answers, and remembered
@@ -74,14 +71,11 @@ void MapServerNodelet::Start() {
 
 void MapServerNodelet::Subscribe() {
   ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
-  const boost::function<void(const acmp_mapping::KeyframePointsConstPtr&)> receive =
-      [this](const acmp_mapping::KeyframePointsConstPtr& message) { Receive(*message); };
-  keyframes_ = SubscribeChecked<KeyframePoints>(nh, names::kKeyframePoints, kKeyframeQueue, receive,
-                                                ros::TransportHints().tcpNoDelay());
-  const boost::function<void(const nav_msgs::PathConstPtr&)> correct = [this](const nav_msgs::PathConstPtr& message) {
-    HandleOptimizedPath(*message);
-  };
-  optimized_path_ = SubscribeChecked<nav_msgs::Path>(nh, names::kOptimizedPath, kPathQueue, correct);
+  keyframes_ = SubscribeChecked<KeyframePoints>(
+      nh, names::kKeyframePoints, kKeyframeQueue, [this](const auto& message) { Receive(*message); },
+      ros::TransportHints().tcpNoDelay());
+  optimized_path_ = SubscribeChecked<nav_msgs::Path>(nh, names::kOptimizedPath, kPathQueue,
+                                                     [this](const auto& message) { HandleOptimizedPath(*message); });
 }
 
 void MapServerNodelet::StartServices() {
@@ -93,56 +87,41 @@ void MapServerNodelet::StartServices() {
     WaitForArrived();
     return Concat("published ", map_output_->Publish(), " points");
   });
-  AddService<SaveMap>(names::kSaveMap, true, [this](const auto& request, auto* response) {
+  const auto missing = [this] { return DescribeMissing(TakeSnapshot().mappers); };
+  const auto save_map = [this](const auto& request, auto* response) {
     WaitForArrived();
     *response = map_output_->Save(request);
-  });
-  AddService<acmp_mapping::SaveSession>(names::kSaveSession, true, [this](const auto& request, auto* response) {
+  };
+  AddService<acmp_mapping::SaveMap>(&service_thread_, names::kSaveMap, save_map, missing);
+  const auto save_session = [this](const auto& request, auto* response) {
     WaitForArrived();
     response->message = SaveSession(request.path, response);
-  });
-  AddService<LoadSession>(names::kLoadSession, false, [this](const auto& request, auto* response) {
-    const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kSessionEnding);
-    RigidTransform world_from_session = WorldFromSession(request.T_world_session);
-    Session session = LoadFile(path);
-    std::string where;
-    if (request.find_transform) {
-      if (!world_from_session.isApprox(RigidTransform::Identity())) {
-        throw InvalidInputError("T_world_session and find_transform: must be one of them");
-      }
-      where = FindSession(path, session, &world_from_session);
-    }
-    for (const SessionKeyframe& keyframe : session.map.keyframes) response->points += keyframe.points_in_camera->size();
-    response->keyframes = session.map.keyframes.size();
-    CallInInputThread([&] { JoinSession(path, std::move(session), world_from_session); });
-    response->T_world_session = tf2::eigenToTransform(world_from_session).transform;
-    response->message = Concat("loaded ", response->keyframes, " keyframes of ", path.string(), where);
-  });
+  };
+  AddService<acmp_mapping::SaveSession>(&service_thread_, names::kSaveSession, save_session, missing);
+  AddService<acmp_mapping::LoadSession>(
+      &service_thread_, names::kLoadSession, [this](const auto& request, auto* response) {
+        const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kSessionEnding);
+        RigidTransform world_from_session = WorldFromSession(request.T_world_session);
+        Session session = LoadFile(path);
+        std::string where;
+        if (request.find_transform) {
+          if (!world_from_session.isApprox(RigidTransform::Identity())) {
+            throw InvalidInputError("T_world_session and find_transform: must be one of them");
+          }
+          where = FindSession(path, session, &world_from_session);
+        }
+        for (const SessionKeyframe& keyframe : session.map.keyframes)
+          response->points += keyframe.points_in_camera->size();
+        response->keyframes = session.map.keyframes.size();
+        CallInInputThread([&] { JoinSession(path, std::move(session), world_from_session); });
+        response->T_world_session = tf2::eigenToTransform(world_from_session).transform;
+        response->message = Concat("loaded ", response->keyframes, " keyframes of ", path.string(), where);
+      });
   publish_timer_ = service_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishIfDue(); });
   occupancy_timer_ =
       occupancy_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishOccupancyIfDue(); });
   occupancy_thread_.Start();
   looking_thread_.Start();
-}
-
-template <class Service, class Handle>
-void MapServerNodelet::AddService(const char* name, bool saves, Handle handle) {
-  using Request = typename Service::Request;
-  using Response = typename Service::Response;
-  const boost::function<bool(Request&, Response&)> answer = [=](Request& request, Response& response) {
-    try {
-      handle(request, &response);
-      response.success = true;
-    } catch (const std::exception& error) {
-      response = {};
-      response.message = error.what();
-    }
-    const std::string missing = saves ? DescribeMissing(TakeSnapshot().mappers) : "";
-    response.message += missing;
-    if (!missing.empty()) NODELET_WARN("%s: %s", name, response.message.c_str());
-    return true;
-  };
-  services_.push_back(service_thread_.Attach(getPrivateNodeHandle()).advertiseService(name, answer));
 }
 
 std::string MapServerNodelet::SaveSession(const std::string& path,

@@ -14,8 +14,7 @@
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/ros/callback_thread.h"
-#include "acmp_mapping/ros/input_sources.h"
-#include "acmp_mapping/ros/mapper_diagnostics.h"
+#include "acmp_mapping/ros/diagnostics.h"
 
 namespace acmp {
 namespace {
@@ -124,22 +123,18 @@ std::string MapperWorker::Reset() {
 }
 
 std::string MapperWorker::RunCommand(bool urgent, const std::function<void()>& work) {
-  // Only the queue and the worker own the promise: if they are stopped first, the promise breaks and wakes us.
-  auto promise = std::make_shared<std::promise<std::string>>();
-  std::future<std::string> result = promise->get_future();
-  auto command = [work, promise = std::move(promise)] {
-    try {
-      work();
-      promise->set_value("");
-    } catch (const std::exception& error) {
-      promise->set_value(error.what());
-    }
-  };
-  if (!(urgent ? queue_.PushUrgent(std::move(command)) : queue_.PushCommand(std::move(command)))) return kStopped;
+  // Only the queue and the worker own the task: if they are stopped first, its promise breaks and wakes us.
+  auto task = std::make_shared<std::packaged_task<void()>>(work);
+  std::future<void> done = task->get_future();
+  Command command = [task = std::move(task)] { (*task)(); };
   try {
-    return result.get();
+    if (!(urgent ? queue_.PushUrgent(std::move(command)) : queue_.PushCommand(std::move(command)))) return kStopped;
+    done.get();
+    return "";
   } catch (const std::future_error&) {
     return kStopped;
+  } catch (const std::exception& error) {
+    return error.what();
   }
 }
 

@@ -1,9 +1,6 @@
 #include "acmp_mapping/ros/nodelet_base.h"
 
 #include <exception>
-#include <utility>
-
-#include <std_srvs/Trigger.h>
 
 namespace acmp {
 
@@ -30,22 +27,6 @@ ParameterReader NodeletBase::ReadParameters() {
 
 void NodeletBase::WarnOfUnknown(const ParameterReader& reader) {
   for (const std::string& warning : reader.DescribeUnknown()) NODELET_WARN("%s", warning.c_str());
-}
-
-void NodeletBase::AddTrigger(CallbackThread* thread, const char* name, std::function<std::string()> handler) {
-  using std_srvs::Trigger;
-  const boost::function<bool(Trigger::Request&, Trigger::Response&)> callback =
-      [handler = std::move(handler)](Trigger::Request&, Trigger::Response& response) {
-        try {
-          response.message = handler();
-          response.success = true;
-        } catch (const std::exception& error) {
-          response.success = false;
-          response.message = error.what();
-        }
-        return true;
-      };
-  services_.push_back(thread->Attach(getPrivateNodeHandle()).advertiseService(name, callback));
 }
 
 void NodeletBase::StopThreads() {

@@ -14,7 +14,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/ros/topic_names.h"

@@ -50,6 +50,12 @@ std::vector<std::string> SplitByComma(const std::string& text) {
 
 }  // namespace
 
+bool SaysTheSame(const sensor_msgs::CameraInfo& a, sensor_msgs::CameraInfo b) {
+  b.header.stamp = a.header.stamp;
+  b.header.seq = a.header.seq;
+  return a == b;
+}
+
 CalibrationPtr CheckedCalibration(const sensor_msgs::CameraInfo& info, const NodeOptions& options) {
   auto calibration =
       std::make_shared<const CameraCalibration>(ToCalibration(info, options.rectified, options.field_of_view));
@@ -73,12 +79,7 @@ SourceCameras::SourceCameras(const NodeOptions& options, TransformLookup lookup)
 
 void SourceCameras::AddCameraInfo(size_t camera, const sensor_msgs::CameraInfo& info) {
   Camera& of = cameras_.at(camera);
-  const bool is_same = of.calibration && info.K == of.info.K && info.P == of.info.P && info.D == of.info.D &&
-                       info.R == of.info.R && info.distortion_model == of.info.distortion_model &&
-                       info.width == of.info.width && info.height == of.info.height &&
-                       info.binning_x == of.info.binning_x && info.binning_y == of.info.binning_y &&
-                       info.roi == of.info.roi && info.header.frame_id == of.info.header.frame_id;
-  if (is_same) return;
+  if (of.calibration && SaysTheSame(info, of.info)) return;
   of = {};
   of.calibration = CheckedCalibration(info, options_);
   of.info = info;

@@ -27,9 +27,8 @@ RigidTransform ToRigidTransform(const geometry_msgs::TransformStamped& message) 
 TfLookup::TfLookup(ros::NodeHandle nh, std::function<void(const std::string&)> report)
     : report_(std::move(report)), buffer_(ros::Duration(kCacheS)) {
   const auto subscribe = [&](const char* topic, bool is_static) {
-    const boost::function<void(const tf2_msgs::TFMessageConstPtr&)> receive =
-        [this, is_static](const tf2_msgs::TFMessageConstPtr& message) { Receive(*message, is_static); };
-    return SubscribeChecked<tf2_msgs::TFMessage>(nh, topic, kTfQueue, receive);
+    return SubscribeChecked<tf2_msgs::TFMessage>(
+        nh, topic, kTfQueue, [this, is_static](const auto& message) { Receive(*message, is_static); });
   };
   transforms_ = subscribe(names::kTf, false);
   static_transforms_ = subscribe(names::kTfStatic, true);

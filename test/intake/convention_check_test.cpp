@@ -16,15 +16,7 @@ using ::testing::Not;
 using Direction = PoseSemantics::Direction;
 using Child = PoseSemantics::Child;
 
-PinholeCamera TestCamera() {
-  PinholeCamera camera;
-  camera.width = 64;
-  camera.height = 48;
-  camera.fx = camera.fy = 50;
-  camera.cx = 31.5;
-  camera.cy = 23.5;
-  return camera;
-}
+constexpr PinholeCamera kCamera = {64, 48, 50, 50, 31.5, 23.5};
 
 /// A level camera that moves and turns, so that no wrong reading fits all keyframes by chance. World z is up.
 RigidTransform TrueWorldFromCam(int i) {
@@ -68,9 +60,8 @@ std::vector<std::string> Warnings(const PoseSemantics& sent, const PoseSemantics
       for (Eigen::Vector3d& point : cloud.points) point = TrueWorldFromCam(i).inverse() * point;
     }
     const RigidTransform received = Sent(sent, TrueWorldFromCam(i));
-    EXPECT_FALSE(check.Add(configured, received, SparseCloud(), read_in_camera, TestCamera())) << "tells nothing";
-    if (auto warning = check.Add(configured, received, cloud, read_in_camera, TestCamera()))
-      warnings.push_back(*warning);
+    EXPECT_FALSE(check.Add(configured, received, SparseCloud(), read_in_camera, kCamera)) << "tells nothing";
+    if (auto warning = check.Add(configured, received, cloud, read_in_camera, kCamera)) warnings.push_back(*warning);
   }
   EXPECT_TRUE(check.share_in_front());
   return warnings;
@@ -86,19 +77,31 @@ TEST(ConventionCheck, IsSilentWhenTheConventionIsRight) {
   EXPECT_TRUE(Warnings({}, {}, true, true).empty());
 }
 
-TEST(ConventionCheck, NamesTheConventionThatFits) {
+TEST(ConventionCheck, NamesTheReadingThatFitsOnce) {
   const PoseSemantics optical, inverted{Direction::kCamFromWorld, Child::kCameraOptical, std::nullopt},
       flu{Direction::kWorldFromCam, Child::kCameraFlu, std::nullopt};
-  auto warnings = Warnings(inverted, optical);
-  ASSERT_EQ(warnings.size(), 1u) << "once";
-  EXPECT_THAT(warnings[0], AllOf(HasSubstr("~pose_is: T_cam_world"), HasSubstr("~pose_child: camera_optical"),
-                                 HasSubstr("set this"), HasSubstr("100 %")));
-  warnings = Warnings(flu, optical);
-  ASSERT_EQ(warnings.size(), 1u);
-  EXPECT_THAT(warnings[0], AllOf(HasSubstr("~pose_is: T_world_cam"), HasSubstr("~pose_child: camera_flu")));
-  warnings = Warnings(optical, flu);
-  ASSERT_EQ(warnings.size(), 1u);
-  EXPECT_THAT(warnings[0], HasSubstr("~pose_child: camera_optical"));
+  RigidTransform sideways(Eigen::AngleAxisd(1.2, Eigen::Vector3d::UnitY()));  // a camera that looks so from its body
+  RigidTransform odd(Eigen::AngleAxisd(2.5, Eigen::Vector3d(1, 0.3, 0).normalized()));  // that nobody has told
+  const PoseSemantics body{Direction::kWorldFromCam, Child::kBody, sideways},
+      body_inverted{Direction::kWorldFromCam, Child::kBody, sideways.inverse()},
+      untold{Direction::kWorldFromCam, Child::kBody, odd};
+  const struct {
+    PoseSemantics sent, configured;
+    bool points_in_camera, read_in_camera;
+    std::vector<std::string> words;
+  } cases[] = {
+      {inverted, optical, false, false, {"~pose_is: T_cam_world, ~pose_child: camera_optical", "set this", "100 %"}},
+      {flu, optical, false, false, {"~pose_is: T_world_cam, ~pose_child: camera_flu"}},
+      {optical, flu, false, false, {"~pose_child: camera_optical"}},
+      {body, body_inverted, false, false, {"T_body_cam inverted"}},
+      {optical, optical, true, false, {"~sparse_frame: camera"}},
+      {optical, optical, false, true, {"~sparse_frame: world"}},
+      {untold, optical, false, false, {"no other reading", "T_body_cam"}}};
+  for (const auto& c : cases) {
+    const auto warnings = Warnings(c.sent, c.configured, c.points_in_camera, c.read_in_camera);
+    ASSERT_EQ(warnings.size(), 1u) << c.words[0];
+    for (const std::string& word : c.words) EXPECT_THAT(warnings[0], HasSubstr(word));
+  }
 }
 
 /// What a frontend sends that begins at the world's origin and sends its whole map: keyframe i adds points that it
@@ -116,7 +119,7 @@ std::vector<std::string> WarningsOfAGrowingMap(const PoseSemantics& sent, const 
     }
     for (Eigen::Vector3d& point : map.points) point *= 1.0003;
     if (i < first) continue;
-    if (auto warning = check.Add(configured, Sent(sent, world_from_cam), map, false, TestCamera())) {
+    if (auto warning = check.Add(configured, Sent(sent, world_from_cam), map, false, kCamera)) {
       warnings.push_back(*warning);
     }
   }
@@ -125,62 +128,31 @@ std::vector<std::string> WarningsOfAGrowingMap(const PoseSemantics& sent, const 
 }
 
 TEST(ConventionCheck, NeverOrdersAWrongReadingOfAMapThatGrows) {
+  std::vector<PoseSemantics> readings;
   for (const Direction direction : {Direction::kWorldFromCam, Direction::kCamFromWorld}) {
-    for (const Child child : {Child::kCameraOptical, Child::kCameraFlu}) {
-      const PoseSemantics sent{direction, child, std::nullopt};
-      for (const Direction read_direction : {Direction::kWorldFromCam, Direction::kCamFromWorld}) {
-        for (const Child read_child : {Child::kCameraOptical, Child::kCameraFlu}) {
-          const PoseSemantics configured{read_direction, read_child, std::nullopt};
-          const std::string what = Describe(sent) + " read as " + Describe(configured);
-          for (const int first : {0, 20}) {
-            const auto warnings = WarningsOfAGrowingMap(sent, configured, first);
-            if (direction == read_direction && child == read_child) {
-              EXPECT_TRUE(warnings.empty()) << what << ": " << warnings.front();
-              continue;
-            }
-            ASSERT_FALSE(warnings.empty()) << what;
-            EXPECT_THAT(warnings.back(), AllOf(HasSubstr("set this"), HasSubstr(Concat("~pose_is: ", Name(direction))),
-                                               HasSubstr(Concat("~pose_child: ", Name(child)))))
-                << what;
-            if (warnings.size() > 1) {
-              EXPECT_EQ(warnings.size(), 2u);
-              EXPECT_THAT(warnings.front(), AllOf(HasSubstr("several other readings fit"), Not(HasSubstr("set this"))));
-            }
-          }
+    for (const Child child : {Child::kCameraOptical, Child::kCameraFlu}) readings.push_back({direction, child, {}});
+  }
+  for (const PoseSemantics& sent : readings) {
+    for (const PoseSemantics& configured : readings) {
+      const std::string what = Describe(sent) + " read as " + Describe(configured);
+      for (const int first : {0, 20}) {
+        const auto warnings = WarningsOfAGrowingMap(sent, configured, first);
+        if (Describe(sent) == Describe(configured)) {
+          EXPECT_TRUE(warnings.empty()) << what << ": " << warnings.front();
+          continue;
         }
+        ASSERT_FALSE(warnings.empty()) << what;
+        EXPECT_THAT(warnings.back(), AllOf(HasSubstr("set this"), HasSubstr(Concat("~pose_is: ", Name(sent.direction))),
+                                           HasSubstr(Concat("~pose_child: ", Name(sent.child)))))
+            << what;
+        if (warnings.size() == 1) continue;
+        EXPECT_EQ(warnings.size(), 2u);
+        EXPECT_THAT(warnings.front(), AllOf(HasSubstr("several other readings fit"), Not(HasSubstr("set this"))));
       }
     }
   }
   // At the start the inverse pose and the camera's own frame fit nearly as well.
   EXPECT_EQ(WarningsOfAGrowingMap({}, {Direction::kWorldFromCam, Child::kCameraFlu, std::nullopt}, 0).size(), 2u);
-}
-
-TEST(ConventionCheck, NamesAnInvertedExtrinsic) {
-  RigidTransform body_from_cam = RigidTransform::Identity();  // a camera that looks sideways from its body
-  body_from_cam.linear() = Eigen::AngleAxisd(1.2, Eigen::Vector3d::UnitY()).toRotationMatrix();
-  const PoseSemantics sent{Direction::kWorldFromCam, Child::kBody, body_from_cam};
-  PoseSemantics configured = sent;
-  configured.body_from_cam = body_from_cam.inverse();
-  const auto warnings = Warnings(sent, configured);
-  ASSERT_EQ(warnings.size(), 1u);
-  EXPECT_THAT(warnings[0], HasSubstr("T_body_cam inverted"));
-}
-
-TEST(ConventionCheck, NamesTheFrameOfThePoints) {
-  auto warnings = Warnings({}, {}, true, false);
-  ASSERT_EQ(warnings.size(), 1u);
-  EXPECT_THAT(warnings[0], HasSubstr("~sparse_frame: camera"));
-  warnings = Warnings({}, {}, false, true);
-  ASSERT_EQ(warnings.size(), 1u);
-  EXPECT_THAT(warnings[0], HasSubstr("~sparse_frame: world"));
-}
-
-TEST(ConventionCheck, AdmitsThatNothingFits) {
-  RigidTransform odd = RigidTransform::Identity();  // a body whose transform to the camera nobody has told
-  odd.linear() = Eigen::AngleAxisd(2.5, Eigen::Vector3d(1, 0.3, 0).normalized()).toRotationMatrix();
-  const auto warnings = Warnings({Direction::kWorldFromCam, Child::kBody, odd}, {});
-  ASSERT_EQ(warnings.size(), 1u);
-  EXPECT_THAT(warnings[0], AllOf(HasSubstr("no other reading"), HasSubstr("T_body_cam")));
 }
 
 }  // namespace

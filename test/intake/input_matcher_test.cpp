@@ -1,355 +1,439 @@
-#include "acmp_mapping/intake/input_matcher.h"
+// What is matched, in which order and after which wait; of recordings that begin anew nothing is mixed.
 
-#include <limits>
+#include "acmp_mapping/intake/input_matcher.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "acmp_mapping/common/error.h"
 #include "intake/samples.h"
 
 namespace acmp {
 namespace {
 
-SparseCloudPtr CloudAt(int64_t stamp_ns, double x = 0) {
-  auto cloud = std::make_shared<SparseCloud>();
-  cloud->stamp_ns = stamp_ns;
-  cloud->points = {{x, 0, 0}};
-  return cloud;
-}
-
-/// A matcher that knows the camera and waits for no clouds.
-InputMatcher MakeMatcher(const InputMatcherOptions& options = {}) {
-  InputMatcher matcher(options);
-  matcher.set_obstacle(std::nullopt);
-  matcher.set_clouds_expected(false);
-  return matcher;
-}
-
-std::vector<MatchedInput> Matches(const std::vector<MatchEvent>& events) {
-  std::vector<MatchedInput> matches;
-  for (const MatchEvent& event : events) {
-    if (const auto* match = std::get_if<MatchedInput>(&event)) matches.push_back(*match);
-  }
-  return matches;
-}
-
-std::vector<std::string> DropReasons(const std::vector<MatchEvent>& events) {
-  std::vector<std::string> reasons;
-  for (const MatchEvent& event : events) {
-    if (const auto* drop = std::get_if<RejectedInput>(&event)) reasons.push_back(drop->reason);
-  }
-  return reasons;
-}
-
-std::vector<int64_t> Stamps(const std::vector<MatchEvent>& events) {
-  std::vector<int64_t> stamps;
-  for (const MatchedInput& match : Matches(events)) stamps.push_back(match.image.stamp_ns);
-  return stamps;
-}
-
+using ::testing::AllOf;
 using ::testing::ElementsAre;
+using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using Picture = std::shared_ptr<const EncodedImage>;
 
-TEST(InputMatcher, MatchesStampsThatWentThroughADouble) {
-  InputMatcher matcher = MakeMatcher();
-  const int64_t rounded = static_cast<int64_t>(static_cast<double>(kT0) * 1e-9 * 1e9);
-  ASSERT_NE(rounded, kT0);  // or the test shows nothing
-  matcher.AddImage({kT0, nullptr});
-  matcher.AddPose(PoseAt(rounded));
-  EXPECT_THAT(Stamps(matcher.Take(0)), ElementsAre(kT0));
+/// Something that can be told apart. The matcher does not look into it.
+Picture MakePicture() {
+  const auto owner = std::make_shared<int>();
+  return {owner, reinterpret_cast<const EncodedImage*>(owner.get())};
 }
 
-TEST(InputMatcher, MatchesAtTheToleranceAndNotBeyond) {
-  for (const int64_t sign : {-1, 1}) {
-    InputMatcher matcher = MakeMatcher();
-    matcher.AddImage({kT0, nullptr});
-    matcher.AddPose(PoseAt(kT0 + sign * kMs));
-    EXPECT_THAT(Stamps(matcher.Take(0)), ElementsAre(kT0));
-    matcher.AddImage({kT0 + kS, nullptr});
-    matcher.AddPose(PoseAt(kT0 + kS + sign * (kMs + 1)));
-    EXPECT_THAT(Stamps(matcher.Take(0)), IsEmpty());
+/// What came out, in order.
+struct Taken {
+  std::vector<int64_t> stamps;  ///< of matches, as the next ones
+  std::vector<double> poses;    ///< x
+  std::vector<double> clouds;   ///< x; -1: none
+  std::vector<Picture> masks, prior_depths;
+  std::vector<MatchedInput> matches;
+  std::vector<std::string> reasons;  ///< of what was rejected
+  std::string message;               ///< the last one
+  size_t jumps = 0;
+};
+
+/// A matcher that knows the camera and waits for no clouds. Stamps are nanoseconds after kT0.
+class Matching {
+ public:
+  explicit Matching(const InputMatcherOptions& options = {}) : matcher(options) {
+    matcher.set_obstacle(std::nullopt);
+    matcher.set_clouds_expected(false);
+  }
+
+  void Image(int64_t after_ns) { matcher.AddImage({kT0 + after_ns, nullptr}); }
+  void Pose(int64_t after_ns, double x = 0) { matcher.AddPose(PoseAt(kT0 + after_ns, x)); }
+  void Cloud(int64_t after_ns, double x = 0) {
+    auto cloud = std::make_shared<SparseCloud>();
+    cloud->stamp_ns = kT0 + after_ns;
+    cloud->points = {{x, 0, 0}};
+    matcher.AddCloud(std::move(cloud));
+  }
+  void Posed(int64_t after_ns, double x = 0) {
+    Image(after_ns);
+    Pose(after_ns, x);
+  }
+  Picture Companion(size_t stream, int64_t after_ns) {
+    const Picture picture = MakePicture();
+    matcher.AddCompanion(stream, {kT0 + after_ns, picture});
+    return picture;
+  }
+
+  Taken Take(double now_s = 0) { return Sort(matcher.Take(now_s)); }
+  static Taken Sort(const std::vector<MatchEvent>& events) {
+    Taken taken;
+    for (const MatchEvent& event : events) {
+      if (const auto* match = std::get_if<MatchedInput>(&event)) {
+        taken.stamps.push_back(match->image.stamp_ns - kT0);
+        taken.poses.push_back(match->pose.received.translation().x());
+        taken.clouds.push_back(match->cloud ? match->cloud->points[0].x() : -1);
+        taken.masks.push_back(match->companions.at(kMaskStream));
+        taken.prior_depths.push_back(match->companions.at(kPriorDepthStream));
+        taken.matches.push_back(*match);
+      } else if (const auto* rejected = std::get_if<RejectedInput>(&event)) {
+        taken.reasons.push_back(rejected->reason);
+        taken.message = rejected->message;
+      } else {
+        ++taken.jumps;
+      }
+    }
+    return taken;
+  }
+
+  InputMatcher matcher;
+};
+
+InputMatcherOptions WithTolerance(double sync_tolerance_s) {
+  InputMatcherOptions options;
+  options.sync_tolerance_s = sync_tolerance_s;
+  return options;
+}
+
+constexpr int64_t kThroughADouble = static_cast<int64_t>(static_cast<double>(kT0) * 1e-9 * 1e9) - kT0;
+static_assert(kThroughADouble != 0, "or the tests show nothing");
+
+TEST(InputMatcher, MatchesWithinTheToleranceBeforeAndAfter) {
+  for (const int64_t gap : {kThroughADouble, kMs, -kMs}) {
+    Matching m;
+    m.Image(0);
+    m.Pose(gap);
+    EXPECT_THAT(m.Take().stamps, ElementsAre(0)) << gap;
+    m.Image(kS);
+    m.Pose(kS + (gap > 0 ? kMs + 1 : -kMs - 1));
+    EXPECT_THAT(m.Take().stamps, IsEmpty());
   }
 }
 
-TEST(InputMatcher, AcceptsPosesBeforeAndAfterTheirImage) {
-  InputMatcher matcher = MakeMatcher();
-  matcher.AddPose(PoseAt(kT0));
-  EXPECT_THAT(matcher.Take(0), IsEmpty());
-  matcher.AddImage({kT0, nullptr});
-  EXPECT_THAT(Stamps(matcher.Take(0)), ElementsAre(kT0));
-  // A keyframe pose that is two images late: the pose triggers, the image waited.
-  for (int i = 1; i <= 3; ++i) matcher.AddImage({kT0 + i * 50 * kMs, nullptr});
-  EXPECT_THAT(matcher.Take(0), IsEmpty());
-  matcher.AddPose(PoseAt(kT0 + 50 * kMs));
-  EXPECT_THAT(Stamps(matcher.Take(0)), ElementsAre(kT0 + 50 * kMs));
+TEST(InputMatcher, AcceptsPosesBeforeAndLongAfterTheirImage) {
+  Matching m;
+  m.Pose(0);
+  EXPECT_THAT(m.Take().stamps, IsEmpty());
+  m.Image(0);
+  EXPECT_THAT(m.Take().stamps, ElementsAre(0));
+  for (int i = 1; i <= 3; ++i) m.Image(i * 50 * kMs);
+  EXPECT_THAT(m.Take().stamps, IsEmpty());
+  m.Pose(50 * kMs);
+  EXPECT_THAT(m.Take().stamps, ElementsAre(50 * kMs));
 }
 
-TEST(InputMatcher, TakesTheNearestOfTwoPoses) {
-  InputMatcherOptions options;
-  options.sync_tolerance_s = 0.02;
-  InputMatcher matcher = MakeMatcher(options);
-  matcher.AddPose(PoseAt(kT0 - 15 * kMs, 1));
-  matcher.AddImage({kT0, nullptr});
-  EXPECT_THAT(matcher.Take(0), IsEmpty()) << "a nearer pose may still come";
-  matcher.AddPose(PoseAt(kT0 + 5 * kMs, 2));
-  const auto matches = Matches(matcher.Take(0));
-  ASSERT_EQ(matches.size(), 1u);
-  EXPECT_EQ(matches[0].pose.received.translation().x(), 2);
-}
-
-TEST(InputMatcher, UsesAPoseOnce) {
-  InputMatcherOptions options;
-  options.sync_tolerance_s = 0.02;
-  InputMatcher matcher = MakeMatcher(options);
-  matcher.AddImage({kT0, nullptr});
-  matcher.AddPose(PoseAt(kT0 + 8 * kMs));
-  EXPECT_THAT(Stamps(matcher.Take(0)), ElementsAre(kT0));
-  matcher.AddImage({kT0 + 16 * kMs, nullptr});
-  EXPECT_THAT(Stamps(matcher.Take(0)), IsEmpty());
+TEST(InputMatcher, TakesTheNearestOfTwoPosesAndEachOnce) {
+  Matching m(WithTolerance(0.02));
+  m.Pose(-15 * kMs, 1);
+  m.Image(0);
+  EXPECT_THAT(m.Take().stamps, IsEmpty()) << "a nearer pose may still come";
+  m.Pose(5 * kMs, 2);
+  EXPECT_THAT(m.Take().poses, ElementsAre(2));
+  m.Image(16 * kMs);
+  EXPECT_THAT(m.Take().stamps, IsEmpty());
 }
 
 TEST(InputMatcher, DropsOvertakenImagesAndNamesTheNearestPose) {
-  InputMatcher matcher = MakeMatcher();
-  matcher.AddImage({kT0, nullptr});
-  matcher.AddImage({kT0 + 40 * kMs, nullptr});
-  matcher.AddPose(PoseAt(kT0 + 40 * kMs));
-  const auto events = matcher.Take(0);
-  EXPECT_THAT(Stamps(events), ElementsAre(kT0 + 40 * kMs));
-  EXPECT_THAT(DropReasons(events), ElementsAre("no_pose"));
-  EXPECT_THAT(std::get<RejectedInput>(events[0]).message,
-              ::testing::AllOf(::testing::HasSubstr("1403636579.763555500"), ::testing::HasSubstr("40 ms")));
-  ASSERT_TRUE(matcher.last_gap());
-  EXPECT_EQ(*matcher.last_gap()->gap_ns, 40 * kMs);
+  Matching m;
+  m.Image(0);
+  m.Posed(40 * kMs);
+  const Taken taken = m.Take();
+  EXPECT_THAT(taken.stamps, ElementsAre(40 * kMs));
+  EXPECT_THAT(taken.reasons, ElementsAre("no_pose"));
+  EXPECT_THAT(taken.message, AllOf(HasSubstr("1403636579.763555500"), HasSubstr("40 ms")));
+  EXPECT_EQ(m.matcher.last_gap()->gap_ns, 40 * kMs);
 }
 
 TEST(InputMatcher, KeepsAtMostTheCapacityOfImages) {
   InputMatcherOptions options;
   options.image_capacity = 3;
-  InputMatcher matcher = MakeMatcher(options);
-  std::vector<std::string> reasons;
+  Matching m(options);
+  size_t dropped = 0;
   for (int i = 0; i < 10; ++i) {
-    matcher.AddImage({kT0 + i * 40 * kMs, nullptr});
-    for (const std::string& reason : DropReasons(matcher.Take(0))) reasons.push_back(reason);
+    m.Image(i * 40 * kMs);
+    for (const std::string& reason : m.Take().reasons) dropped += reason == "no_pose";
   }
-  EXPECT_EQ(matcher.waiting_images(), 3u);
-  EXPECT_THAT(reasons, ElementsAre("no_pose", "no_pose", "no_pose", "no_pose", "no_pose", "no_pose", "no_pose"));
-  EXPECT_FALSE(matcher.last_gap()->gap_ns) << "there was no pose at all";
+  EXPECT_EQ(m.matcher.waiting_images(), 3u);
+  EXPECT_EQ(dropped, 7u);
+  EXPECT_FALSE(m.matcher.last_gap()->gap_ns) << "there was no pose at all";
 }
 
 TEST(InputMatcher, WaitsForTheCamera) {
   InputMatcherOptions options;
   options.image_capacity = 1;
-  InputMatcher matcher = MakeMatcher(options);
-  matcher.set_obstacle(RejectedInput{"no_camera_info", "no usable camera_info has been received"});
-  matcher.AddImage({kT0, nullptr});
-  matcher.AddPose(PoseAt(kT0));
-  EXPECT_THAT(matcher.Take(0), IsEmpty());
-  matcher.AddImage({kT0 + 40 * kMs, nullptr});
-  matcher.AddPose(PoseAt(kT0 + 40 * kMs));
-  EXPECT_THAT(DropReasons(matcher.Take(0)), ElementsAre("no_camera_info"));
-  matcher.set_obstacle(std::nullopt);
-  EXPECT_THAT(Stamps(matcher.Take(0)), ElementsAre(kT0 + 40 * kMs));
+  Matching m(options);
+  m.matcher.set_obstacle(RejectedInput{"no_camera_info", "no usable camera_info has been received"});
+  m.Posed(0);
+  EXPECT_THAT(m.Take().stamps, IsEmpty());
+  m.Posed(40 * kMs);
+  EXPECT_THAT(m.Take().reasons, ElementsAre("no_camera_info"));
+  m.matcher.set_obstacle(std::nullopt);
+  EXPECT_THAT(m.Take().stamps, ElementsAre(40 * kMs));
 }
 
 TEST(InputMatcher, RefusesDuplicateAndLateImages) {
-  InputMatcher matcher = MakeMatcher();
-  matcher.AddImage({kT0, nullptr});
-  matcher.AddImage({kT0, nullptr});
-  EXPECT_THAT(DropReasons(matcher.Take(0)), ElementsAre("duplicate_image"));
-  matcher.AddPose(PoseAt(kT0));
-  EXPECT_THAT(Stamps(matcher.Take(0)), ElementsAre(kT0));
-  matcher.AddImage({kT0, nullptr});
-  matcher.AddImage({kT0 - 40 * kMs, nullptr});
-  EXPECT_THAT(DropReasons(matcher.Take(0)), ElementsAre("duplicate_image", "late_image"));
+  Matching m;
+  m.Image(0);
+  m.Image(0);
+  EXPECT_THAT(m.Take().reasons, ElementsAre("duplicate_image"));
+  m.Pose(0);
+  EXPECT_THAT(m.Take().stamps, ElementsAre(0));
+  m.Image(0);
+  m.Image(-40 * kMs);
+  EXPECT_THAT(m.Take().reasons, ElementsAre("duplicate_image", "late_image"));
+}
+
+TEST(InputMatcher, ClearReportsWhatWaitedAndRemembersNothing) {
+  Matching m;
+  m.Image(0);
+  m.matcher.Clear("reset");
+  EXPECT_THAT(m.Take().reasons, ElementsAre("reset"));
+  EXPECT_EQ(m.matcher.waiting_images(), 0u);
+  m.Image(-100 * kS);
+  EXPECT_EQ(m.Take().jumps, 0u);
 }
 
 TEST(InputMatcher, WaitsForTheCloudOfTheSameStampButNotForever) {
-  InputMatcher matcher = MakeMatcher();
-  matcher.set_clouds_expected(true);
-  matcher.AddImage({kT0, nullptr});
-  matcher.AddPose(PoseAt(kT0));
-  EXPECT_THAT(matcher.Take(10.0), IsEmpty());
-  matcher.AddCloud(CloudAt(kT0));
-  auto matches = Matches(matcher.Take(10.05));
-  ASSERT_EQ(matches.size(), 1u);
-  EXPECT_EQ(matches[0].cloud->stamp_ns, kT0);
-  ASSERT_TRUE(matches[0].cloud_pose);
-
-  matcher.AddImage({kT0 + 100 * kMs, nullptr});
-  matcher.AddPose(PoseAt(kT0 + 100 * kMs));
-  EXPECT_THAT(matcher.Take(20.0), IsEmpty());
-  EXPECT_THAT(matcher.Take(20.09), IsEmpty());
-  matches = Matches(matcher.Take(20.1));
-  ASSERT_EQ(matches.size(), 1u);
-  EXPECT_EQ(matches[0].cloud->stamp_ns, kT0) << "within sparse_tolerance";
-  EXPECT_TRUE(matches[0].cloud_pose) << "the pose at the cloud's own stamp";
+  Matching m;
+  m.matcher.set_clouds_expected(true);
+  m.Posed(0);
+  EXPECT_THAT(m.Take(10.0).stamps, IsEmpty());
+  m.Cloud(0, 1);
+  const Taken at_once = m.Take(10.05);
+  EXPECT_THAT(at_once.clouds, ElementsAre(1));
+  EXPECT_TRUE(at_once.matches.at(0).cloud_pose);
+  m.Posed(100 * kMs);
+  EXPECT_THAT(m.Take(20.0).stamps, IsEmpty());
+  EXPECT_THAT(m.Take(20.09).stamps, IsEmpty());
+  const Taken later = m.Take(20.1);
+  EXPECT_THAT(later.clouds, ElementsAre(1)) << "within sparse_tolerance";
+  EXPECT_TRUE(later.matches.at(0).cloud_pose) << "the pose at the cloud's own stamp";
 }
 
-TEST(InputMatcher, TakesTheNearestCloudElseTheLast) {
-  InputMatcher matcher = MakeMatcher();
-  for (const int64_t offset : {-300 * kMs, -100 * kMs, -900 * kMs}) matcher.AddCloud(CloudAt(kT0 + offset));
-  matcher.AddImage({kT0, nullptr});
-  matcher.AddPose(PoseAt(kT0));
-  EXPECT_EQ(Matches(matcher.Take(0)).at(0).cloud->stamp_ns, kT0 - 100 * kMs);
-  matcher.AddImage({kT0 + 10 * kS, nullptr});
-  matcher.AddPose(PoseAt(kT0 + 10 * kS));
-  const auto matches = Matches(matcher.Take(0));
-  EXPECT_EQ(matches.at(0).cloud->stamp_ns, kT0 - 900 * kMs) << "the last to arrive";
-  EXPECT_FALSE(matches.at(0).cloud_pose) << "no pose was ever given for that stamp";
+TEST(InputMatcher, TakesTheNearestCloudElseTheLastToArrive) {
+  Matching m;
+  m.Cloud(-300 * kMs, 1);
+  m.Cloud(-100 * kMs, 2);
+  m.Cloud(-900 * kMs, 3);
+  m.Posed(0);
+  EXPECT_THAT(m.Take().clouds, ElementsAre(2));
+  m.Posed(10 * kS);
+  const Taken taken = m.Take();
+  EXPECT_THAT(taken.clouds, ElementsAre(3));
+  EXPECT_FALSE(taken.matches.at(0).cloud_pose) << "no pose was ever given for that stamp";
 }
 
-/// Two runs of the same 2 s recording; the parameter says in which order image, pose and cloud of a stamp come.
-class LoopingBag : public ::testing::TestWithParam<std::string> {};
+/// Masks are expected; images are posed.
+struct MaskedMatching : Matching {
+  MaskedMatching() { matcher.set_companion_expected(kMaskStream, true); }
+};
 
-TEST_P(LoopingBag, LosesNothing) {
-  constexpr int kImages = 20;
-  InputMatcher matcher = MakeMatcher();
-  matcher.set_clouds_expected(true);
-  std::vector<MatchEvent> events;
-  const auto add = [&](char stream, int index) {
-    const int64_t stamp = kT0 + index % kImages * 100 * kMs;
-    const double run = index < kImages ? 0 : 1;
-    if (stream == 'i') matcher.AddImage({stamp, nullptr});
-    if (stream == 'p') matcher.AddPose(PoseAt(stamp, run));
-    if (stream == 'c') matcher.AddCloud(CloudAt(stamp, run));
-    for (MatchEvent& event : matcher.Take(0)) events.push_back(std::move(event));
-  };
-  for (int i = 0; i < 2 * kImages; ++i) {
-    for (const char stream : GetParam()) add(stream, i);
-  }
-  const auto matches = Matches(events);
-  ASSERT_EQ(matches.size(), 2u * kImages);
-  for (int i = 0; i < 2 * kImages; ++i) {
-    const MatchedInput& match = matches[static_cast<size_t>(i)];
-    const double run = i < kImages ? 0 : 1;
-    EXPECT_EQ(match.image.stamp_ns, kT0 + i % kImages * 100 * kMs);
-    EXPECT_EQ(match.pose.received.translation().x(), run) << "a pose of the other run at " << i;
-    ASSERT_TRUE(match.cloud) << "at " << i;
-    EXPECT_EQ(match.cloud->stamp_ns, match.image.stamp_ns) << "another image's cloud at " << i;
-    EXPECT_EQ(match.cloud->points[0].x(), run) << "a cloud of the other run at " << i;
-  }
-  const auto jumps =
-      std::count_if(events.begin(), events.end(), [](const auto& e) { return std::holds_alternative<TimeJump>(e); });
-  EXPECT_EQ(jumps, 1);
-  EXPECT_THAT(DropReasons(events), IsEmpty());
-  EXPECT_TRUE(std::holds_alternative<TimeJump>(events[kImages])) << "between the runs";
+TEST(Companions, AnImageWaitsForTheMaskOfItsStamp) {
+  MaskedMatching m;
+  m.Posed(0);
+  EXPECT_THAT(m.Take(10).stamps, IsEmpty());
+  m.Companion(kMaskStream, -30 * kMs);  // of an earlier image
+  EXPECT_THAT(m.Take(10.1).stamps, IsEmpty());
+  const Picture mask = m.Companion(kMaskStream, kThroughADouble);
+  const Taken taken = m.Take(10.2);
+  EXPECT_THAT(taken.masks, ElementsAre(mask));
+  EXPECT_THAT(taken.reasons, IsEmpty());
 }
 
-INSTANTIATE_TEST_SUITE_P(EachOrderOfTheStreams, LoopingBag,
-                         ::testing::Values("icp", "ipc", "cip", "cpi", "pic", "pci"));
-
-TEST(InputMatcher, LosesNothingOfAShortRunThatComesWholeBeforeItsFirstImage) {
-  constexpr int kImages = 5;
-  InputMatcher matcher = MakeMatcher();
-  matcher.set_clouds_expected(true);
-  std::vector<MatchEvent> events;
-  for (const double run : {0.0, 1.0}) {
-    for (int i = 0; i < kImages; ++i) matcher.AddPose(PoseAt(kT0 + i * 100 * kMs, run));
-    for (int i = 0; i < kImages; ++i) matcher.AddCloud(CloudAt(kT0 + i * 100 * kMs, run));
-    for (int i = 0; i < kImages; ++i) {
-      matcher.AddImage({kT0 + i * 100 * kMs, nullptr});
-      for (MatchEvent& event : matcher.Take(0)) events.push_back(std::move(event));
-    }
-  }
-  const auto matches = Matches(events);
-  ASSERT_EQ(matches.size(), 2u * kImages);
-  for (size_t i = 0; i < matches.size(); ++i) {
-    const double run = i < kImages ? 0 : 1;
-    EXPECT_EQ(matches[i].pose.received.translation().x(), run) << "a pose of the other run at " << i;
-    ASSERT_TRUE(matches[i].cloud) << "at " << i;
-    EXPECT_EQ(matches[i].cloud->stamp_ns, matches[i].image.stamp_ns);
-    EXPECT_EQ(matches[i].cloud->points[0].x(), run) << "a cloud of the other run at " << i;
-  }
-  EXPECT_THAT(DropReasons(events), IsEmpty());
+TEST(Companions, NoImageWaitsLongerThanMaskWaitNorOnceThatOfALaterOneIsThere) {
+  MaskedMatching waiting;
+  waiting.Posed(0);
+  waiting.Posed(100 * kMs);
+  EXPECT_THAT(waiting.Take(10).stamps, IsEmpty());
+  EXPECT_THAT(waiting.Take(10.49).stamps, IsEmpty());
+  const Taken both = waiting.Take(10.5);
+  EXPECT_THAT(both.masks, ElementsAre(nullptr, nullptr)) << "they wait at the same time";
+  EXPECT_THAT(both.reasons, ElementsAre("no_mask", "no_mask"));
+  MaskedMatching overtaken;
+  overtaken.Posed(0);
+  overtaken.Posed(100 * kMs);
+  const Picture mask = overtaken.Companion(kMaskStream, 100 * kMs);
+  EXPECT_THAT(overtaken.Take().masks, ElementsAre(nullptr, mask));
 }
 
-TEST(InputMatcher, KeepsWhatCameBeforeTheLastImageOfTheOldRun) {
-  InputMatcher matcher = MakeMatcher();
-  matcher.set_clouds_expected(true);
-  const int64_t last = kT0 + 5 * kS;
-  matcher.AddPose(PoseAt(last, 0));
-  matcher.AddCloud(CloudAt(last, 0));
-  matcher.AddPose(PoseAt(kT0, 1));
-  matcher.AddCloud(CloudAt(kT0, 1));
-  matcher.AddImage({last, nullptr});  // the greatest message, and the slowest
-  matcher.AddImage({kT0, nullptr});
-  const auto matches = Matches(matcher.Take(0));
-  ASSERT_EQ(matches.size(), 2u);
-  for (const size_t run : {0, 1}) {
-    EXPECT_EQ(matches[run].pose.received.translation().x(), run);
-    ASSERT_TRUE(matches[run].cloud);
-    EXPECT_EQ(matches[run].cloud->points[0].x(), run);
-  }
+TEST(Companions, WithoutPublisherOrAtAFlushNobodyWaits) {
+  MaskedMatching m;
+  m.Posed(0);
+  EXPECT_THAT(Matching::Sort(m.matcher.TakeAll()).stamps, ElementsAre(0));
+  m.matcher.set_companion_expected(kMaskStream, false);
+  m.Posed(kS);
+  const Taken taken = m.Take();
+  EXPECT_THAT(taken.masks, ElementsAre(nullptr));
+  EXPECT_THAT(taken.reasons, IsEmpty());
 }
 
-TEST(InputMatcher, TakesNoCloudOfAShorterRunBefore) {
-  InputMatcher matcher = MakeMatcher();
-  SparseCloudPtr late;  // each cloud comes after the next image, the last one of a run after the next run's first
-  const auto play = [&](double run, int seconds) {
-    for (int i = 0; i < seconds; ++i) {
-      matcher.AddPose(PoseAt(kT0 + i * kS, run));
-      matcher.AddImage({kT0 + i * kS, nullptr});
-      const auto matches = Matches(matcher.Take(0));
-      ASSERT_EQ(matches.size(), 1u);
-      if (i == 0) {
-        EXPECT_FALSE(matches[0].cloud) << "none of run " << run << " has come";
+TEST(Companions, EachStreamIsWaitedForBesideTheOthers) {
+  MaskedMatching m;
+  m.matcher.set_companion_expected(kPriorDepthStream, true);
+  m.Posed(0);
+  m.Posed(100 * kMs);
+  const Picture mask = m.Companion(kMaskStream, 0), later = m.Companion(kMaskStream, 100 * kMs);
+  EXPECT_THAT(m.Take(10).stamps, IsEmpty());
+  const Picture depth = m.Companion(kPriorDepthStream, 0);
+  const Taken first = m.Take(10.1);
+  EXPECT_THAT(first.masks, ElementsAre(mask));
+  EXPECT_THAT(first.prior_depths, ElementsAre(depth));
+  m.Companion(kPriorDepthStream, 50 * kMs);  // of no image
+  EXPECT_THAT(m.Take(10.4).stamps, IsEmpty());
+  const Taken second = m.Take(10.5);
+  EXPECT_THAT(second.masks, ElementsAre(later));
+  EXPECT_THAT(second.prior_depths, ElementsAre(nullptr));
+  EXPECT_THAT(second.reasons, ElementsAre("no_prior_depth"));
+}
+
+TEST(Companions, ThoseOfTheRunBeforeAreForgotten) {
+  MaskedMatching m;
+  for (const int64_t stamp : {int64_t{0}, kS}) {
+    m.Companion(kMaskStream, stamp);
+    m.Posed(stamp);
+  }
+  EXPECT_EQ(m.Take().masks.size(), 2u);
+  m.Posed(0);
+  EXPECT_THAT(m.Take(1).stamps, IsEmpty()) << "the old mask of this stamp is not its own";
+  const Picture mask = m.Companion(kMaskStream, 0);
+  EXPECT_THAT(m.Take(1.1).masks, ElementsAre(mask));
+}
+
+/// Two runs of the same 2 s recording in each order of image, pose and cloud; W: all poses and clouds of a run come
+/// before its first image.
+TEST(ALoopingBag, LosesAndMixesNothing) {
+  for (const std::string order : {"icp", "ipc", "cip", "cpi", "pic", "pci", "W"}) {
+    const int images = order == "W" ? 5 : 20;
+    Matching m;
+    m.matcher.set_clouds_expected(true);
+    std::vector<int64_t> stamps;
+    std::vector<double> poses, clouds;
+    size_t jumps = 0;
+    const auto take = [&] {
+      const Taken taken = m.Take();
+      for (size_t i = 0; i < taken.stamps.size(); ++i) {
+        stamps.push_back(taken.stamps[i]);
+        poses.push_back(taken.poses[i]);
+        clouds.push_back(taken.clouds[i]);
+        EXPECT_EQ(taken.matches[i].cloud->stamp_ns, taken.matches[i].image.stamp_ns) << order;
       }
-      if (late) matcher.AddCloud(late);
-      late = CloudAt(kT0 + i * kS, run);
+      jumps += taken.jumps;
+      EXPECT_THAT(taken.reasons, IsEmpty());
+    };
+    std::vector<int64_t> expected_stamps;
+    std::vector<double> runs;
+    for (const double run : {0.0, 1.0}) {
+      for (int i = 0; i < images && order == "W"; ++i) m.Pose(i * 100 * kMs, run);
+      for (int i = 0; i < images && order == "W"; ++i) m.Cloud(i * 100 * kMs, run);
+      for (int i = 0; i < images; ++i) {
+        const int64_t stamp = i * 100 * kMs;
+        expected_stamps.push_back(stamp);
+        runs.push_back(run);
+        for (const char stream : order) {
+          if (stream == 'i' || stream == 'W') m.Image(stamp);
+          if (stream == 'p') m.Pose(stamp, run);
+          if (stream == 'c') m.Cloud(stamp, run);
+          take();
+        }
+      }
     }
-  };
-  play(0, 10);
-  play(1, 5);
-  play(2, 5);
-}
-
-TEST(InputMatcher, TakesNothingOfTheOldRunThatCameAfterTheJump) {
-  InputMatcher matcher = MakeMatcher();
-  matcher.set_clouds_expected(true);
-  const int64_t last = kT0 + 5 * kS;
-  for (const int64_t stamp : {kT0, last - 100 * kMs}) {
-    matcher.AddPose(PoseAt(stamp, 0));
-    matcher.AddCloud(CloudAt(stamp, 0));
-    matcher.AddImage({stamp, nullptr});
+    EXPECT_EQ(stamps, expected_stamps) << order;
+    EXPECT_EQ(poses, runs) << order;
+    EXPECT_EQ(clouds, runs) << order;
+    EXPECT_EQ(jumps, 1u) << order;
   }
-  ASSERT_EQ(Matches(matcher.Take(0)).size(), 2u);
-  matcher.AddImage({last, nullptr});
-  matcher.AddImage({kT0, nullptr});
-  matcher.AddCloud(CloudAt(last, 0));  // late
-  matcher.AddPose(PoseAt(last, 0));
-  matcher.AddPose(PoseAt(kT0, 1));
-  EXPECT_THAT(Stamps(matcher.Take(1)), IsEmpty()) << "its own cloud may still come";
-  matcher.AddCloud(CloudAt(kT0, 1));
-  const auto matches = Matches(matcher.Take(1));
-  ASSERT_EQ(matches.size(), 1u);
-  EXPECT_EQ(matches[0].pose.received.translation().x(), 1);
-  EXPECT_EQ(matches[0].cloud->points[0].x(), 1);
 }
 
-TEST(InputMatcher, ForgetsTheOldRunAtAJump) {
-  InputMatcher matcher = MakeMatcher();
-  matcher.AddCloud(CloudAt(kT0 + 5 * kS));
-  matcher.AddPose(PoseAt(kT0));  // old run: must not match an image of the new one
-  matcher.AddImage({kT0 + 5 * kS, nullptr});
-  matcher.AddImage({kT0, nullptr});
-  auto events = matcher.Take(0);
-  EXPECT_THAT(Stamps(events), IsEmpty());
-  EXPECT_THAT(DropReasons(events), ElementsAre("no_pose")) << "it has waited for one in vain";
-  matcher.AddPose(PoseAt(kT0));
-  const auto matches = Matches(matcher.Take(0));
-  ASSERT_EQ(matches.size(), 1u);
-  EXPECT_EQ(matches[0].cloud, nullptr);
+TEST(ALoopingBag, KeepsWhatCameBeforeTheLastImageOfTheOldRun) {
+  Matching m;
+  m.matcher.set_clouds_expected(true);
+  for (const double run : {0.0, 1.0}) {
+    m.Pose(run == 0 ? 5 * kS : 0, run);
+    m.Cloud(run == 0 ? 5 * kS : 0, run);
+  }
+  m.Image(5 * kS);  // the greatest message, and the slowest
+  m.Image(0);
+  const Taken taken = m.Take();
+  EXPECT_THAT(taken.poses, ElementsAre(0, 1));
+  EXPECT_THAT(taken.clouds, ElementsAre(0, 1));
 }
 
-TEST(InputMatcher, ClearReportsWhatWaited) {
-  InputMatcher matcher = MakeMatcher();
-  matcher.AddImage({kT0, nullptr});
-  matcher.Clear("reset");
-  EXPECT_THAT(DropReasons(matcher.Take(0)), ElementsAre("reset"));
-  EXPECT_EQ(matcher.waiting_images(), 0u);
-  matcher.AddImage({kT0 - 100 * kS, nullptr});
-  EXPECT_THAT(matcher.Take(0), IsEmpty()) << "no jump: nothing is remembered";
+TEST(ALoopingBag, TakesNoCloudOfAShorterRunBefore) {
+  Matching m;
+  std::optional<std::pair<int64_t, double>>
+      late;  // each comes after the next image, the last one after the next run's first
+  for (const auto& [run, seconds] : {std::pair(0, 10), {1, 5}, {2, 5}}) {
+    for (int i = 0; i < seconds; ++i) {
+      m.Pose(i * kS, run);
+      m.Image(i * kS);
+      const Taken taken = m.Take();
+      ASSERT_EQ(taken.stamps.size(), 1u);
+      if (i == 0) {
+        EXPECT_THAT(taken.clouds, ElementsAre(-1)) << "none of run " << run << " has come";
+      }
+      if (late) m.Cloud(late->first, late->second);
+      late = {i * kS, run};
+    }
+  }
+}
+
+TEST(ALoopingBag, TakesNothingOfTheOldRunThatCameAfterTheJump) {
+  Matching m;
+  m.matcher.set_clouds_expected(true);
+  constexpr int64_t kLast = 5 * kS;
+  for (const int64_t stamp : {int64_t{0}, kLast - 100 * kMs}) {
+    m.Cloud(stamp, 0);
+    m.Posed(stamp, 0);
+  }
+  ASSERT_EQ(m.Take().stamps.size(), 2u);
+  m.Image(kLast);
+  m.Image(0);
+  m.Cloud(kLast, 0);  // late
+  m.Pose(kLast, 0);
+  m.Pose(0, 1);
+  EXPECT_THAT(m.Take(1).stamps, IsEmpty()) << "its own cloud may still come";
+  m.Cloud(0, 1);
+  const Taken taken = m.Take(1);
+  EXPECT_THAT(taken.poses, ElementsAre(1));
+  EXPECT_THAT(taken.clouds, ElementsAre(1));
+}
+
+TEST(ALoopingBag, ForgetsTheOldRunAtAJump) {
+  Matching m;
+  m.Cloud(5 * kS);
+  m.Pose(0);  // old run: must not match an image of the new one
+  m.Image(5 * kS);
+  m.Image(0);
+  const Taken jump = m.Take();
+  EXPECT_THAT(jump.stamps, IsEmpty());
+  EXPECT_THAT(jump.reasons, ElementsAre("no_pose")) << "it has waited for one in vain";
+  m.Pose(0);
+  EXPECT_THAT(m.Take().clouds, ElementsAre(-1));
+}
+
+TEST(TimeJumpTracker, TellsTheJumpOfTheImagesFromOthers) {
+  TimeJumpTracker shorter;
+  shorter.Add(10 * kS, 1);
+  EXPECT_EQ(shorter.StartRun(10 * kS - kTimeJumpNs), std::nullopt);
+  EXPECT_FALSE(shorter.is_behind()) << "it had not got so far";
+  EXPECT_FALSE(shorter.Add(11 * kS, 2));
+  EXPECT_FALSE(shorter.Add(0, 3)) << "not what the images' jump was about";
+  EXPECT_EQ(shorter.StartRun(0), 3u) << "but the next one";
+
+  TimeJumpTracker late;
+  late.Add(10 * kS, 1);
+  late.StartRun(0);
+  late.Add(3 * kS, 2);  // the images are there by now; the run ends before 10 s
+  late.Add(4 * kS, 3);
+  EXPECT_EQ(late.StartRun(0), std::nullopt) << "nothing of the third run has come";
+  EXPECT_TRUE(late.is_behind());
+
+  TimeJumpTracker out_of_order;
+  out_of_order.Add(10 * kS, 1);
+  out_of_order.Add(10 * kS - kTimeJumpNs, 2);
+  EXPECT_EQ(out_of_order.newest_ns(), 10 * kS);
+  EXPECT_EQ(out_of_order.StartRun(0), std::nullopt);
+
+  TimeJumpTracker undone;
+  undone.Add(10 * kS, 1);
+  undone.Add(3 * kS, 2);  // an old pose sent again
+  undone.Add(11 * kS, 3);
+  EXPECT_EQ(undone.StartRun(0), std::nullopt) << "all of it is of the run before";
 }
 
 }  // namespace

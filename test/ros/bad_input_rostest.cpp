@@ -5,7 +5,6 @@
 #include <limits>
 
 #include <gtest/gtest.h>
-#include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/ros/input_conversion.h"
 #include "ros/mapper_control.h"
@@ -102,62 +101,11 @@ TEST_F(BadInputTest, IsNamedWithItsReasonAndTheMapperGoesOn) {
   ExpectWorks();
 }
 
-TEST_F(BadInputTest, IdenticalPoses) {
-  for (int i = 0; i < 3; ++i) {
-    ViewMessages view = View();
-    SetStamp(view.image.header.stamp + ros::Duration(i), &view);
-    mapper().player.Publish(view);
-  }
-  // Publishing is asynchronous: flush until the mapper has seen all.
-  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
-  while (!mapper().WaitForDiagnostic({"dropped: no_source_views", "3 ("}, 1) && ros::WallTime::now() < end) {
-    ASSERT_TRUE(mapper().Call("flush"));
-  }
-  EXPECT_TRUE(mapper().WaitForLog({"no_source_views", "baseline"}, kTimeoutS));
-  ExpectWorks();
-}
-
-TEST_F(BadInputTest, PosesOfAnotherConvention) {
-  const std::vector<ViewMessages> scene = Scene();
-  for (size_t i = 0; i < 12; ++i) {
-    ViewMessages view = scene[i % kViews];
-    const ros::Time stamp = StampOf(i, start_s_);
-    const RigidTransform world_from_cam = ToTransform(view.pose.pose);
-    std::vector<Eigen::Vector3f> points;  // in the image, others each time
-    for (int k = -12; k < 12; ++k) {
-      points.push_back(
-          (world_from_cam * Eigen::Vector3d(0.1 * k, 0.05 * k, 4 + 0.2 * static_cast<double>(i))).cast<float>());
-    }
-    view.sparse_points = MakeCloud(points, view.sparse_points.header.frame_id, stamp);
-    view.pose.pose = tf2::toMsg(world_from_cam.inverse());
-    SetStamp(stamp, &view);
-    mapper().player.Publish(view);
-  }
-  EXPECT_TRUE(mapper().WaitForLog({"lie in front of the camera", "~pose_is: T_cam_world", "set this"}, kTimeoutS));
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"lie in front of the camera", "~pose_is: T_cam_world"}, kTimeoutS));
-  ASSERT_TRUE(mapper().Call("reset")) << "the check begins anew";
-  start_s_ += 50;
-  ExpectWorks();
-}
-
 TEST_F(BadInputTest, TimeJumpsBack) {
   EXPECT_EQ(mapper().Map(Scene()), kViews);
   std::vector<ViewMessages> again = Scene();  // the same stamps, as a looping bag has them
   EXPECT_EQ(mapper().Map(again), kViews);
   EXPECT_TRUE(mapper().WaitForLog({"time jumped back"}, kTimeoutS));
-}
-
-TEST_F(BadInputTest, PosesFarFromTheImages) {
-  std::vector<ViewMessages> late = Scene();
-  for (ViewMessages& view : late) view.pose.header.stamp += ros::Duration(0.0334);
-  for (const ViewMessages& view : late) mapper().player.Publish(view);
-  // A view that matches overtakes them. Its image and its pose come after theirs, each on its own topic, so none of
-  // theirs is still under way when the two meet: between topics there is no order.
-  ViewMessages matching = View();
-  SetStamp(late.back().image.header.stamp + ros::Duration(5), &matching);
-  mapper().player.Publish(matching);
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"last image without a pose", "33.4 ms away on /pose"}, kTimeoutS));
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_pose", "no pose within 1 ms", "33.4 ms away"}, kTimeoutS));
 }
 
 }  // namespace acmp::test::bad_input_rostest

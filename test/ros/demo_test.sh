@@ -2,22 +2,9 @@
 # What scripts/demo.sh does after the build, with a small bag: demo.launch plays it, save_demo_output.py saves the maps.
 # Usage: demo_test.sh SOURCE_FOLDER BUILD_FOLDER ACMP_MAKE_BAG
 set -euo pipefail
-folder=$(mktemp -d)
-launch=
-master=
-trap 'for node in $launch $master; do kill -TERM "$node" || true; wait "$node" || true; done; rm -rf "$folder"' EXIT
-# shellcheck source=scripts/ros_environment.sh
-source "$1/scripts/ros_environment.sh" "$2"
+# shellcheck source=test/ros/own_master.sh
+source "$1/test/ros/own_master.sh"
 "$3" --synthetic "$folder/room.bag" --width 64 --height 48
-port=$(/usr/bin/python3 -c 'import socket; s = socket.socket(); s.bind(("", 0)); print(s.getsockname()[1])')
-export ROS_MASTER_URI=http://localhost:$port
-# A master of its own, however long it takes to start: roslaunch gives up one of its own after ten seconds.
-rosmaster --core -p "$port" >"$folder/master.log" 2>&1 </dev/null &
-master=$!
-until rosparam list >/dev/null 2>&1; do
-  kill -0 "$master" 2>/dev/null || { cat "$folder/master.log"; exit 1; }
-  sleep 0.2
-done
 topics="/camera/image_raw /camera/camera_info /slam/pose /slam/sparse_points"
 roslaunch --port "$port" acmp_mapping demo.launch bag:="$folder/room.bag" save_folder:="$folder" rviz:=false device:=cpu \
   play_args:="--wait-for-subscribers --quiet --topics $topics" >"$folder/roslaunch.log" 2>&1 </dev/null &

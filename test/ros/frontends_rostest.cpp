@@ -1,10 +1,14 @@
-// One frontend's launch file, fed with what that frontend publishes (frontends.yaml), must give the depth maps that the
-// pipeline makes of the same estimates as plain messages (mapping_rostest shows that those of the plain topics are the
-// same bit by bit).
+// Each frontend's launch file, started as a user starts it and fed with what that frontend publishes (frontends.yaml),
+// must give the depth maps that the pipeline makes of the same estimates as plain messages (mapping_rostest shows that
+// those of the plain topics are the same bit by bit). One after the other, as they share names of topics.
+
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <csignal>
 #include <map>
 #include <set>
 #include <tuple>
@@ -30,7 +34,7 @@ namespace acmp::test::frontends_rostest {
 
 constexpr int kWidth = 64, kHeight = 48;
 constexpr size_t kKeyframes = 5;
-constexpr char kPreset[] = "online";  // as frontends_rostest.test has it: all steps, in less time
+constexpr char kPreset[] = "online";  // as frontend.launch has it: all steps, in less time
 
 /// What one SLAM frontend publishes: an entry of frontends.yaml.
 class Traits {
@@ -185,16 +189,15 @@ class FrontendPlayer {
 
   /// Waits until somebody has subscribed to everything; false with what is missing after kTimeoutS.
   bool WaitForMapper(std::string* missing) const {
-    const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
-    for (;;) {
-      missing->clear();
-      for (const ros::Publisher& publisher : connected_) {
-        if (publisher.getNumSubscribers() == 0) *missing += " " + publisher.getTopic();
-      }
-      if (missing->empty()) return true;
-      if (!ros::ok() || ros::WallTime::now() > end) return false;
-      ros::WallDuration(0.02).sleep();
-    }
+    return WaitUntil(
+        [&] {
+          missing->clear();
+          for (const ros::Publisher& publisher : connected_) {
+            if (publisher.getNumSubscribers() == 0) *missing += " " + publisher.getTopic();
+          }
+          return missing->empty();
+        },
+        kTimeoutS);
   }
 
   void Play() const {
@@ -282,20 +285,10 @@ class FrontendPlayer {
   }
 
   void PublishPoses(size_t view) const {
-    const int poses_per_image = traits_.Number("poses_per_image", 1);
     PublishPose(Rounded(stamps_[view], traits_.Text("pose_stamp")), poses_[view]);
-    if (poses_per_image == 1 || view + 1 == poses_.size()) return;
     // Those in between belong to no image; how good they are does not matter.
-    const RigidTransform from = ToTransform(poses_[view]);
-    const RigidTransform to = ToTransform(poses_[view + 1]);
-    const Eigen::Quaterniond start(from.linear());
-    const double step =
-        static_cast<double>(kPoseIntervalNs) / static_cast<double>((stamps_[view + 1] - stamps_[view]).toNSec());
-    for (int k = 1; k < poses_per_image; ++k) {
-      RigidTransform between = RigidTransform::Identity();
-      between.linear() = start.slerp(k * step, Eigen::Quaterniond(to.linear())).toRotationMatrix();
-      between.translation() = from.translation() + k * step * (to.translation() - from.translation());
-      PublishPose(stamps_[view] + ros::Duration(0, static_cast<int32_t>(k * kPoseIntervalNs)), tf2::toMsg(between));
+    for (int k = 1; k < traits_.Number("poses_per_image", 1) && view + 1 < poses_.size(); ++k) {
+      PublishPose(stamps_[view] + ros::Duration(0, static_cast<int32_t>(k * kPoseIntervalNs)), poses_[view]);
     }
   }
 
@@ -381,14 +374,31 @@ class FrontendPlayer {
   ros::Publisher image_, camera_info_, pose_, cloud_, extrinsic_, path_, static_tf_;
 };
 
-class FrontendTest : public ::testing::Test {
- protected:
-  static std::string Name() {
-    std::string name;
-    ros::NodeHandle("~").getParam("frontend", name);
-    return name;
+/// frontend.launch of an entry of frontends.yaml, as long as this lives.
+class LaunchedFrontend {
+ public:
+  explicit LaunchedFrontend(const std::string& name) {
+    const std::string launch = Traits(name).Text("launch");
+    const std::string frontend = "frontend:=" + (launch.empty() ? name : launch), played_as = "played_as:=" + name;
+    process_ = ::fork();
+    if (process_ != 0) return;
+    ::execlp("roslaunch", "roslaunch", ACMP_SOURCE_DIR "/test/ros/frontend.launch", frontend.c_str(), played_as.c_str(),
+             static_cast<char*>(nullptr));
+    ::_exit(127);
   }
+  ~LaunchedFrontend() {
+    ::kill(process_, SIGINT);
+    ::waitpid(process_, nullptr, 0);
+  }
+  LaunchedFrontend(const LaunchedFrontend&) = delete;
+  LaunchedFrontend& operator=(const LaunchedFrontend&) = delete;
 
+ private:
+  pid_t process_;
+};
+
+class FrontendTest : public ::testing::TestWithParam<const char*> {
+ protected:
   void Run() {
     spinner_.start();
     std::string missing;
@@ -430,15 +440,16 @@ class FrontendTest : public ::testing::Test {
     for (const auto& pose : path.messages().back()->poses) ExpectPose(pose.header.stamp, pose.pose, correction);
   }
 
+  const LaunchedFrontend launched_{GetParam()};
   ros::NodeHandle nh_;
   ros::AsyncSpinner spinner_{1};
-  const Traits traits_{Name()};
+  const Traits traits_{GetParam()};
   FrontendPlayer player_{nh_, traits_};
   Recorder<sensor_msgs::Image> depth_{nh_, "/acmp/depth/image_rect"};
   Recorder<geometry_msgs::PoseStamped> pose_{nh_, "/acmp/keyframe_pose"};
 };
 
-TEST_F(FrontendTest, MapsAreThoseOfThePlainMessages) {
+TEST_P(FrontendTest, MapsAreThoseOfThePlainMessages) {
   ASSERT_NO_FATAL_FAILURE(Run());
   const std::map<int64_t, KeyframeDepthPtr> expected = MapWithoutRos(player_.plain(), kPreset).refined;
   ASSERT_EQ(expected.size(), kKeyframes);
@@ -463,5 +474,11 @@ TEST_F(FrontendTest, MapsAreThoseOfThePlainMessages) {
   }
   if (!traits_.Text("path").empty()) ExpectPathToMoveTheKeyframes();
 }
+
+INSTANTIATE_TEST_SUITE_P(Of, FrontendTest,
+                         ::testing::Values("vins_mono", "vins_fusion", "vins_fusion_camera_pose", "orb_slam3_ros",
+                                           "orb_slam3_ros_wrapper", "orb_slam_2_ros", "stella_vslam_ros", "ov2slam",
+                                           "ov2slam_cloud_stamped_now", "kimera_vio", "okvis", "openvins", "rtabmap"),
+                         [](const auto& frontend) { return std::string(frontend.param); });
 
 }  // namespace acmp::test::frontends_rostest

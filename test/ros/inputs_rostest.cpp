@@ -7,11 +7,17 @@
 #include <gtest/gtest.h>
 #include <nav_msgs/Odometry.h>
 #include <rosgraph_msgs/Log.h>
+#include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/PointCloud.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <sensor_msgs/point_cloud_conversion.h>
 #include <std_srvs/Trigger.h>
+#include <tf2_eigen/tf2_eigen.h>
+#include <boost/make_shared.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 
+#include "acmp_mapping/ros/input_conversion.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::inputs_rostest {
@@ -150,6 +156,57 @@ TEST_F(InputsTest, ImagesWaitForTheExtrinsicAndAreMappedWhenItComes) {
     });
   };
   EXPECT_TRUE(log.WaitUntil(told, kTimeoutS)) << "the choice must be logged";
+}
+
+// Rounded points give another depth range, which matching begins with: not the same bits, but the same depth.
+TEST_F(InputsTest, CompressedImagesInverseFluPosesAndPointsOfTheCameraThroughTheGate) {
+  Mapper mapper("/odd", {{"image_transport", std::string("compressed")},
+                         {"pose_is", std::string("T_cam_world")},
+                         {"pose_child", std::string("camera_flu")},
+                         {"world_frame", std::string("earth")},
+                         {"sparse_frame", std::string("camera")},
+                         {"keyframe_mode", std::string("gate")}});
+  ros::NodeHandle nh("/odd");
+  ros::Publisher image = Advertise<sensor_msgs::CompressedImage>(&nh, "image/compressed");
+  ScenePlayer player(nh, "unused_image");
+  ASSERT_TRUE(WaitForSubscriber(image) && WaitForSubscriber(player.pose) && WaitForSubscriber(player.sparse_points) &&
+              WaitForSubscriber(player.camera_info) && mapper.WaitUntilReady());
+  RigidTransform flu_from_optical = RigidTransform::Identity();
+  flu_from_optical.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  for (const ViewMessages& view : Scene()) {
+    sensor_msgs::CompressedImage compressed;
+    cv::Mat bgr;
+    cv::cvtColor(DecodeRgb({boost::make_shared<sensor_msgs::Image>(view.image), nullptr}), bgr, cv::COLOR_RGB2BGR);
+    cv::imencode(".png", bgr, compressed.data);
+    const RigidTransform cam_from_world = ToTransform(view.pose.pose).inverse();
+    std::vector<Eigen::Vector3f> points;
+    for (const Eigen::Vector3d& point : ToSparseCloud(view.sparse_points).points) {
+      points.push_back((cam_from_world * point).cast<float>());
+    }
+    geometry_msgs::PoseStamped pose = view.pose;
+    pose.pose = tf2::toMsg(flu_from_optical * cam_from_world);
+    for (const double later_s : {0.0, 0.01}) {  // the gate passes over the second
+      compressed.header = pose.header = view.image.header;
+      compressed.header.stamp = pose.header.stamp = view.image.header.stamp + ros::Duration(later_s);
+      player.camera_info.publish(view.camera_info);
+      player.sparse_points.publish(MakeCloud(points, "misleading", pose.header.stamp));
+      player.pose.publish(pose);
+      image.publish(compressed);
+    }
+  }
+  const std::vector<sensor_msgs::ImageConstPtr> depth = mapper.Finish();
+  ASSERT_EQ(depth.size(), kViews);
+  size_t near = 0, all = 0;
+  for (size_t i = 0; i < kViews; ++i) {
+    EXPECT_EQ(depth[i]->header.stamp, session().expected[i]->header.stamp);
+    const auto* found = reinterpret_cast<const float*>(depth[i]->data.data());
+    const auto* expected = reinterpret_cast<const float*>(session().expected[i]->data.data());
+    for (size_t k = 0; k < depth[i]->data.size() / sizeof(float); ++k, ++all) {
+      near += std::abs(found[k] - expected[k]) < 0.02f * expected[k];
+    }
+  }
+  EXPECT_GT(static_cast<double>(near), 0.7 * static_cast<double>(all));
+  EXPECT_EQ(mapper.keyframes.messages().front()->header.frame_id, "earth");
 }
 
 }  // namespace acmp::test::inputs_rostest

@@ -1,5 +1,5 @@
 // What the intake makes of images, poses and clouds; of transforms that are looked up, an extrinsic that comes late,
-// and keyframes in one message. Inputs are named by whole seconds.
+// keyframes in one message, and the images of source cameras. Inputs are named by whole seconds.
 
 #include "acmp_mapping/ros/keyframe_intake.h"
 
@@ -21,19 +21,23 @@ using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::SizeIs;
 
-sensor_msgs::CameraInfo MakeInfo(const std::string& frame_id = "cam") {
+/// Of a rectified pair; the right one has a baseline.
+sensor_msgs::CameraInfo MakeInfo(const std::string& frame_id = "cam", double baseline = 0, uint32_t width = 64) {
   sensor_msgs::CameraInfo info;
   info.header.frame_id = frame_id;
-  info.width = 64;
+  info.width = width;
   info.height = 48;
   info.K = {50, 0, 32, 0, 50, 24, 0, 0, 1};
+  info.R = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  info.P = {50, 0, 32, -50 * baseline, 0, 50, 24, 0, 0, 0, 1, 0};
   return info;
 }
 
-std::shared_ptr<const EncodedImage> ImageAt(uint32_t stamp_s, const std::string& frame_id = "cam") {
+std::shared_ptr<const EncodedImage> ImageAt(double stamp_s, const std::string& frame_id = "cam") {
   auto image = boost::make_shared<sensor_msgs::Image>();
-  image->header.stamp = ros::Time(stamp_s, 0);
+  image->header.stamp = ros::Time(stamp_s);
   image->header.frame_id = frame_id;
   return std::make_shared<const EncodedImage>(EncodedImage{image, nullptr});
 }
@@ -57,8 +61,7 @@ SparseCloudPtr CloudAt(uint32_t stamp_s, const std::string& frame_id, std::vecto
 struct Result {
   std::vector<KeyframeInput> keyframes;
   std::vector<RejectedInput> drops;
-  std::vector<std::string> new_worlds;
-  int jumps = 0;
+  std::vector<std::string> notices;
 };
 
 Result Split(std::vector<IntakeEvent> events) {
@@ -66,8 +69,7 @@ Result Split(std::vector<IntakeEvent> events) {
   for (IntakeEvent& event : events) {
     if (auto* keyframe = std::get_if<KeyframeInput>(&event)) result.keyframes.push_back(std::move(*keyframe));
     if (auto* drop = std::get_if<RejectedInput>(&event)) result.drops.push_back(*drop);
-    if (auto* world = std::get_if<NewWorld>(&event)) result.new_worlds.push_back(world->text);
-    result.jumps += std::holds_alternative<TimeJump>(event);
+    if (auto* notice = std::get_if<Notice>(&event)) result.notices.push_back(notice->text);
   }
   return result;
 }
@@ -311,19 +313,6 @@ TEST(IntakeFromTf, SaysWhatImagesWaitForBeforeAnyIsDropped) {
   EXPECT_EQ(intake.DescribeWait(200), "") << "some images never get a pose: that is usual";
 }
 
-TEST(IntakeExtrinsic, IsLookedUpBetweenTheFramesOfPoseAndImage) {
-  FakeTf tf;
-  tf.body_from_cam = RigidTransform::Identity();
-  tf.body_from_cam->translation().x() = 20;
-  KeyframeIntake intake(BodyOptions(), {}, 0, tf.source());
-  intake.AddCameraInfo(MakeInfo());
-  PoseSample pose = PoseAt(5, 1);
-  pose.child_frame = "imu";
-  intake.AddPose(pose);
-  intake.AddImage(ImageAt(5));
-  EXPECT_EQ(Split(intake.TakeAll()).keyframes.at(0).world_from_cam.translation().x(), 21);
-}
-
 TEST(IntakeExtrinsic, ThePathMayHoldPosesOfTheBodyWhenTheOthersAreTheCameras) {
   NodeOptions options;
   options.path_child = PoseSemantics::Child::kBody;
@@ -408,6 +397,148 @@ TEST(IntakeOfKeyframes, TakesAllOrNothing) {
   EXPECT_THAT(result.drops, IsEmpty());
   ASSERT_EQ(result.keyframes.size(), 1u);
   EXPECT_EQ(result.keyframes[0].stamp_ns, 8 * kSecond);
+}
+
+constexpr double kPairBaseline = 0.11;
+
+NodeOptions WithSources(int cameras) {
+  NodeOptions options;
+  options.matcher.source_cameras = cameras;
+  return options;
+}
+
+/// A mapper's intake with source cameras.
+class Rig {
+ public:
+  explicit Rig(const NodeOptions& options, const TransformLookup& lookup = {})
+      : intake(options, KeyframeGateOptions(), 0, {{}, lookup}) {
+    intake.AddCameraInfo(MakeInfo("left"));
+    intake.set_clouds_expected(false);
+    for (int i = 0; i < options.matcher.source_cameras; ++i) intake.set_source_expected(static_cast<size_t>(i), true);
+  }
+
+  /// Feeds an image with its pose.
+  void AddImage(double stamp_s) {
+    PoseSample pose;
+    pose.stamp_ns = ToStampNs(ros::Time(stamp_s));
+    intake.AddPose(pose);
+    intake.AddImage(ImageAt(stamp_s, "left"));
+  }
+
+  Result Take(double now_s) { return Split(intake.Take(now_s)); }
+  Result TakeAll() { return Split(intake.TakeAll()); }
+
+  KeyframeIntake intake;
+};
+
+/// The one keyframe of a rig whose source camera has this camera_info.
+Result FeedPair(const NodeOptions& options, const sensor_msgs::CameraInfo& right, const TransformLookup& lookup = {}) {
+  Rig rig(options, lookup);
+  rig.intake.AddSourceCameraInfo(0, right);
+  rig.AddImage(5);
+  rig.intake.AddSourceImage(0, ImageAt(5, right.header.frame_id));
+  Result result = rig.TakeAll();
+  EXPECT_THAT(result.keyframes, SizeIs(1)) << "nothing is lost";
+  for (const RejectedInput& drop : result.drops) EXPECT_FALSE(drop.ends_image);
+  return result;
+}
+
+Eigen::Vector3d CentreOf(const Result& result) {
+  return result.keyframes.at(0).source_images.at(0).source_from_cam.inverse().translation();
+}
+
+TEST(SourceCamerasTest, PTellsTheBaselineOfARectifiedPair) {
+  NodeOptions options = WithSources(1);
+  options.rectified = true;
+  const Result result = FeedPair(options, MakeInfo("left", kPairBaseline, 80));
+  EXPECT_LT((CentreOf(result) - Eigen::Vector3d(kPairBaseline, 0, 0)).norm(), 1e-12);
+  EXPECT_EQ(result.keyframes[0].source_images[0].calibration->camera.width, 80) << "sizes may differ";
+  EXPECT_THAT(result.notices, ElementsAre(AllOf(HasSubstr("source camera 1"), HasSubstr("0.11"), HasSubstr("by P"))));
+  EXPECT_THAT(result.drops, IsEmpty());
+}
+
+TEST(SourceCamerasTest, PAndRTellWhereThoseOfARawPairAre) {
+  sensor_msgs::CameraInfo right = MakeInfo("right", kPairBaseline);
+  const Eigen::Matrix3d turn = Eigen::AngleAxisd(0.2, Eigen::Vector3d::UnitY()).toRotationMatrix();
+  Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(right.R.data()) = turn;
+  const Result result = FeedPair(WithSources(1), right);
+  EXPECT_LT((CentreOf(result) - Eigen::Vector3d(kPairBaseline, 0, 0)).norm(), 1e-12);
+  const RigidTransform& source_from_cam = result.keyframes.at(0).source_images.at(0).source_from_cam;
+  EXPECT_LT((source_from_cam.linear() - turn.transpose()).norm(), 1e-12);
+}
+
+TEST(SourceCamerasTest, TheParameterCountsMostThenPThenTf) {
+  RigidTransform of_tf = RigidTransform::Identity(), of_parameter = RigidTransform::Identity();
+  of_tf.translation().x() = -0.3;
+  of_parameter.translation().x() = 0.5;
+  const auto lookup = [&](const std::string& target, const std::string& source) {
+    return target == "right" && source == "left" ? std::make_optional(of_tf) : std::nullopt;
+  };
+  EXPECT_NEAR(CentreOf(FeedPair(WithSources(1), MakeInfo("right"), lookup)).x(), 0.3, 1e-12);
+  EXPECT_NEAR(CentreOf(FeedPair(WithSources(1), MakeInfo("right", kPairBaseline), lookup)).x(), kPairBaseline, 1e-12);
+  NodeOptions options = WithSources(1);
+  options.cam_from_sources = {of_parameter};
+  EXPECT_NEAR(CentreOf(FeedPair(options, MakeInfo("right", kPairBaseline), lookup)).x(), 0.5, 1e-12);
+}
+
+TEST(SourceCamerasTest, OneWhosePlaceNobodyTellsIsNamed) {
+  const Result unknown = FeedPair(WithSources(1), MakeInfo("right"));
+  EXPECT_THAT(unknown.keyframes[0].source_images, IsEmpty());
+  ASSERT_THAT(unknown.drops, SizeIs(1));
+  EXPECT_EQ(unknown.drops[0].reason, "source_camera_unplaced");
+  EXPECT_THAT(unknown.drops[0].message, AllOf(HasSubstr("source camera 1"), HasSubstr("no baseline"),
+                                              HasSubstr("from \"right\" to \"left\""), HasSubstr("~T_cam_source")));
+  const auto same_place = [](const std::string&, const std::string&) {
+    return std::make_optional(RigidTransform(RigidTransform::Identity()));
+  };
+  const Result zero = FeedPair(WithSources(1), MakeInfo("left"), same_place);
+  EXPECT_THAT(zero.keyframes[0].source_images, IsEmpty());
+  ASSERT_THAT(zero.drops, SizeIs(1));
+  EXPECT_THAT(zero.drops[0].message, HasSubstr("it is where the camera is"));
+}
+
+TEST(SourceCamerasTest, OneWithoutCameraInfoIsNamed) {
+  Rig rig(WithSources(1));
+  sensor_msgs::CameraInfo bad = MakeInfo("right", kPairBaseline);
+  bad.K[0] = 0;
+  EXPECT_THROW(rig.intake.AddSourceCameraInfo(0, bad), InvalidInputError);
+  rig.AddImage(5);
+  rig.intake.AddSourceImage(0, ImageAt(5, "right"));
+  const Result result = rig.TakeAll();
+  ASSERT_THAT(result.keyframes, SizeIs(1));
+  ASSERT_THAT(result.drops, SizeIs(1));
+  EXPECT_EQ(result.drops[0].reason, "no_source_camera_info");
+}
+
+TEST(SourceCamerasTest, AnImageWaitsForItsOwnAndNotForever) {
+  Rig rig(WithSources(2));
+  for (const size_t camera : {0, 1}) rig.intake.AddSourceCameraInfo(camera, MakeInfo("right", kPairBaseline));
+  rig.AddImage(5);
+  rig.intake.AddSourceImage(0, ImageAt(5.004, "right"));  // ~source_tolerance is 5 ms
+  EXPECT_THAT(rig.Take(10).keyframes, IsEmpty());
+  rig.intake.AddSourceImage(1, ImageAt(4.99, "right"));
+  EXPECT_THAT(rig.Take(10.4).keyframes, IsEmpty());
+  const Result result = rig.Take(10.5);
+  ASSERT_THAT(result.keyframes, SizeIs(1));
+  EXPECT_THAT(result.keyframes[0].source_images, SizeIs(1));
+  ASSERT_THAT(result.drops, SizeIs(1));
+  EXPECT_EQ(result.drops[0].reason, "no_source_image");
+  EXPECT_THAT(result.drops[0].message, AllOf(HasSubstr("without source camera 2"), HasSubstr("within 5 ms")));
+  EXPECT_FALSE(result.drops[0].ends_image);
+}
+
+TEST(SourceCamerasTest, NobodyWaitsForOneThatNobodyPublishes) {
+  Rig rig(WithSources(1));
+  rig.intake.set_source_expected(0, false);
+  rig.AddImage(5);
+  EXPECT_THAT(rig.Take(10).keyframes, SizeIs(1));
+}
+
+TEST(SourceCamerasTest, AFileForEachIsNeeded) {
+  NodeOptions options = WithSources(2);
+  options.source_calibration_file = "one.yaml";
+  EXPECT_THAT(ErrorOf([&] { SourceCameras(options, {}); }),
+              AllOf(HasSubstr("1 file(s)"), HasSubstr("~source_cameras = 2")));
 }
 
 }  // namespace

@@ -87,10 +87,8 @@ LoadedNodelets::~LoadedNodelets() {
   }
 }
 
-bool WaitForSubscriber(const ros::Publisher& publisher) {
-  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
-  while (publisher.getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.02).sleep();
-  return publisher.getNumSubscribers() > 0;
+bool WaitForSubscriber(const ros::Publisher& publisher, uint32_t count) {
+  return WaitUntil([&] { return publisher.getNumSubscribers() >= count; }, kTimeoutS);
 }
 
 bool WaitForValue(Recorder<diagnostic_msgs::DiagnosticArray>* diagnostics, const std::string& status,

@@ -52,8 +52,8 @@ class LoadedNodelets {
   std::vector<std::string> names_;
 };
 
-/// Waits until somebody subscribes to a topic; false after kTimeoutS.
-bool WaitForSubscriber(const ros::Publisher& publisher);
+/// Waits until so many subscribe to a topic; false after kTimeoutS.
+bool WaitForSubscriber(const ros::Publisher& publisher, uint32_t count = 1);
 
 /// Waits until a status ("a/node: task") has a value that begins so; false after kTimeoutS.
 bool WaitForValue(Recorder<diagnostic_msgs::DiagnosticArray>* diagnostics, const std::string& status,

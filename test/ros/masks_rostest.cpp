@@ -107,49 +107,23 @@ TEST_F(MasksTest, AMaskIsUsedForTheImageOfItsStampAndAMissingOneIsTold) {
   EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_mask", "1 (", "used as a whole"}, kTimeoutS));
 }
 
-TEST_F(MasksTest, ImagesWaitForLateMasksButNotForever) {
-  Send({});
-  mapper().depth.Clear();
-  mapper().keyframe_pose.Clear();
-  mapper().diagnostics.Clear();
-  for (const ViewMessages& view : views_) mapper().player.Publish(view);
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"images = ", Concat(" ", kViews, " under way")}, kTimeoutS));
-  EXPECT_TRUE(mapper().keyframe_pose.messages().empty()) << "all wait";
-  Send({MaskOf(0), MaskOf(1), MaskOf(2)});
-  // No other mask comes: the last two are used after mask_wait.
-  ASSERT_TRUE(mapper().keyframe_pose.WaitForCount(kViews, kTimeoutS));
-  ASSERT_TRUE(mapper().Call("flush"));
-  ASSERT_TRUE(mapper().depth.WaitForCount(kViews, kTimeoutS));
-  EXPECT_EQ(Count(0, true).ignored_with_depth, 0);
-  EXPECT_EQ(Count(2, true).ignored_with_depth, 0);
-  EXPECT_EQ(Count(4, false).used_without_depth, 0);
-}
-
-TEST_F(MasksTest, BadMasksAreNamedAndTheirImagesAreMapped) {
+TEST_F(MasksTest, WhatCannotBeUsedIsNamedAndOneThatIgnoresAllEndsItsImage) {
   std::vector<sensor_msgs::Image> masks;
   for (size_t view = 0; view < kViews; ++view) masks.push_back(MaskOf(view));
   masks[1].encoding = "32FC1";
   masks[2].height = kHeight / 2;
   masks[2].data.resize(masks[2].data.size() / 2);
+  masks[3].data.assign(masks[3].data.size(), 0);
   Send(masks);
   EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: bad_mask", "32FC1", "mono8"}, kTimeoutS));
-  ASSERT_EQ(mapper().Map(views_), kViews);
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: bad_mask", "64x24", "64x48"}, kTimeoutS));
-  EXPECT_EQ(Count(0, true).ignored_with_depth, 0);
-  for (const size_t view : {1, 2}) EXPECT_EQ(Count(view, false).used_without_depth, 0) << view;
-}
-
-TEST_F(MasksTest, AnImageOfWhichEverythingIsIgnoredIsNamed) {
-  std::vector<sensor_msgs::Image> masks;
-  for (size_t view = 0; view < kViews; ++view) masks.push_back(MaskOf(view));
-  masks[2].data.assign(masks[2].data.size(), 0);
-  Send(masks);
   mapper().depth.Clear();
   for (const ViewMessages& view : views_) mapper().player.Publish(view);
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: bad_mask", "64x24", "64x48"}, kTimeoutS));
   EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: invalid_input", "its mask ignores every pixel"}, kTimeoutS));
   ASSERT_TRUE(mapper().Call("flush"));
-  EXPECT_TRUE(mapper().depth.WaitForCount(kViews - 1, kTimeoutS));
-  EXPECT_EQ(mapper().depth.messages().size(), kViews - 1);
+  ASSERT_TRUE(mapper().depth.WaitForCount(kViews - 1, kTimeoutS));
+  EXPECT_EQ(Count(0, true).ignored_with_depth, 0);
+  for (const size_t view : {1, 2}) EXPECT_EQ(Count(view, false).used_without_depth, 0) << view;
 }
 
 }  // namespace acmp::test::masks_rostest

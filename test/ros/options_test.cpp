@@ -211,6 +211,40 @@ TEST(RuntimeOptions, APresetReachesTheMapperWholeAndAParameterCountsMore) {
   EXPECT_EQ(PipelineValues(LoadRuntime({{"use_planar_prior", true}}, start).mapper.pipeline), expected);
 }
 
+/// Another value, within the bounds.
+OptionValue Changed(const Option& option) {
+  OptionValue value = option.get();
+  if (auto* flag = std::get_if<bool>(&value)) *flag = !*flag;
+  if (auto* integer = std::get_if<int>(&value)) *integer += *integer < option.max ? 1 : -1;
+  if (auto* number = std::get_if<double>(&value)) {
+    *number = *number < option.max ? *number + 1e-3 * (option.max - *number) : option.min;
+  }
+  return value;
+}
+
+TEST(Reconfigure, EveryOptionThatMayChangeDoesAloneAndWithinItsBounds) {
+  const RuntimeOptions start = LoadRuntime({});
+  const auto values = [](RuntimeOptions options) {
+    std::map<std::string, OptionValue> all;
+    for (const Option& option : OptionsOf(&options)) all[option.name] = option.get();
+    return all;
+  };
+  RuntimeOptions changed;
+  for (const Option& option : OptionsOf(&changed)) {
+    if (!option.while_running) continue;
+    changed = start;
+    option.set(Changed(option));
+    DepthRange& range = changed.mapper.fallback_depth_range;  // both or none
+    if (option.name == "depth_min") range.max = 2 * range.min;
+    if (option.name == "depth_max") range.min = 0.5f * range.max;
+    EXPECT_NE(values(changed), values(start)) << option.name;
+    EXPECT_EQ(values(FromConfig(ToConfig(changed), start)), values(changed)) << option.name;
+    if (!std::holds_alternative<int>(option.get())) continue;
+    option.set(OptionValue(static_cast<int>(option.max) + 1));
+    EXPECT_THAT(ErrorOf([&] { FromConfig(ToConfig(changed), start); }), HasSubstr(option.name));
+  }
+}
+
 TEST(Reconfigure, LeavesAloneWhatIsReadOnce) {
   const RuntimeOptions current = LoadRuntime({{"window_size", 5}, {"refine_again", false}});
   const RuntimeOptions after = FromConfig(DenseMapperConfig::__getDefault__(), current);

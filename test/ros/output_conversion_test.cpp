@@ -1,85 +1,105 @@
+// Messages and files of the map, as others read them.
+
 #include "acmp_mapping/ros/output_conversion.h"
 
 #include <cstring>
+#include <filesystem>
 #include <limits>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-
+#include <pcl/io/pcd_io.h>
+#include <pcl/io/ply_io.h>
 #include <pcl/point_types.h>
 #include <pcl_conversions/pcl_conversions.h>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/map/map_writer.h"
 #include "support/error_text.h"
 
 namespace acmp {
 namespace {
 
-std_msgs::Header MakeHeader() {
-  std_msgs::Header header;
-  header.stamp = ros::Time(12, 345);
-  header.frame_id = "cam";
-  return header;
-}
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using PclCloud = pcl::PointCloud<pcl::PointXYZRGBNormal>;
 
 TEST(ToDepthMillimetres, RoundsAndLeavesOutWhatDoesNotFit) {
   DepthMap depth(4, 1, 0);
   depth(1, 0) = 1.5f;
   depth(2, 0) = 2.5f;
-  depth(3, 0) = 70.0f;
+  depth(3, 0) = 70.0f;  // more than 65.535 m
   const Image<unsigned char> keep(4, 1, 1);
-  const auto message = ToDepthMillimetres(*ToDepthMessage(depth, keep.View(), MakeHeader()));
+  const auto message = ToDepthMillimetres(*ToDepthMessage(depth, keep.View(), std_msgs::Header()));
   EXPECT_EQ(message->encoding, "16UC1");
   const auto* values = reinterpret_cast<const uint16_t*>(message->data.data());
-  EXPECT_EQ(values[0], 0);
-  EXPECT_EQ(values[1], 1500);
-  EXPECT_EQ(values[2], 2500);
-  EXPECT_EQ(values[3], 0) << "70 m is more than 65.535 m";
+  EXPECT_THAT(std::vector<uint16_t>(values, values + 4), ::testing::ElementsAre(0, 1500, 2500, 0));
 }
 
-TEST(ToPointCloud, TurnsTheMessageBackWithoutAChange) {
-  const PointCloud points = {{{1.0f / 3, -2, 3e-30f}, {0, 0.6f, -0.8f}, {1, 2, 255}, 0.7f},
-                             {{4, 5, 6}, {1, 0, 0}, {255, 0, 9}, 0}};
-  auto message = *ToCloudMessage(points, MakeHeader());
+PointCloud MakePoints(int count) {
+  PointCloud points;
+  for (int i = 0; i < count; ++i) {
+    points.push_back({{0.1f * static_cast<float>(i), -1.0f / 3, 3e-30f},
+                      {0, 0.6f, -0.8f},
+                      {200, 100, static_cast<unsigned char>(i)},
+                      0.75f});
+  }
+  return points;
+}
+
+TEST(ToPointCloud, TurnsTheMessageBackWithoutAChangeAndRefusesOthers) {
+  const PointCloud points = MakePoints(3);
+  auto message = *ToCloudMessage(points, std_msgs::Header());
   const PointCloud back = ToPointCloud(message);
   ASSERT_EQ(back.size(), points.size());
   for (size_t i = 0; i < points.size(); ++i) {
-    EXPECT_EQ(back[i].position.x, points[i].position.x);
-    EXPECT_EQ(back[i].position.y, points[i].position.y);
-    EXPECT_EQ(back[i].position.z, points[i].position.z);
-    EXPECT_EQ(back[i].normal.y, points[i].normal.y);
-    EXPECT_EQ(back[i].color.r, points[i].color.r);
-    EXPECT_EQ(back[i].color.g, points[i].color.g);
-    EXPECT_EQ(back[i].color.b, points[i].color.b);
+    EXPECT_EQ(std::memcmp(&back[i].position, &points[i].position, sizeof(Vec3f)), 0);
+    EXPECT_EQ(std::memcmp(&back[i].normal, &points[i].normal, sizeof(Vec3f)), 0);
+    EXPECT_EQ(std::memcmp(&back[i].color, &points[i].color, sizeof(Rgb)), 0);
     EXPECT_EQ(back[i].confidence, points[i].confidence);
   }
   message.data.pop_back();
   EXPECT_THROW(ToPointCloud(message), InvalidInputError);
-  EXPECT_THROW(ToPointCloud(sensor_msgs::PointCloud2()), InvalidInputError);
-  message = *ToCloudMessage(points, MakeHeader());
+  message = *ToCloudMessage(points, std_msgs::Header());
   message.fields[3].name = "intensity";
   EXPECT_THROW(ToPointCloud(message), InvalidInputError);
 }
 
-TEST(ToCloudMessage, IsUnderstoodByPcl) {
-  const PointCloud points = {{{1, 2, 3}, {0, 0.6f, -0.8f}, {200, 100, 50}, 0.75f},
-                             {{4, 5, 6}, {1, 0, 0}, {1, 2, 3}, 1}};
-  const auto message = ToCloudMessage(points, MakeHeader());
-  ASSERT_EQ(message->fields.size(), 8u);
-  EXPECT_EQ(message->fields[7].name, "confidence");
+void ExpectSame(const PclCloud& cloud, const PointCloud& points) {
+  ASSERT_EQ(cloud.size(), points.size());
+  for (size_t i = 0; i < points.size(); ++i) {
+    EXPECT_EQ(std::memcmp(&cloud[i].x, &points[i].position, sizeof(Vec3f)), 0);
+    EXPECT_EQ(std::memcmp(&cloud[i].normal_x, &points[i].normal, sizeof(Vec3f)), 0);
+    EXPECT_EQ(cloud[i].r, points[i].color.r);
+    EXPECT_EQ(cloud[i].g, points[i].color.g);
+    EXPECT_EQ(cloud[i].b, points[i].color.b);
+  }
+}
+
+TEST(Pcl, ReadsOurMessagesAndFiles) {
+  const PointCloud points = MakePoints(37);
+  const auto message = ToCloudMessage(points, std_msgs::Header());
+  PclCloud cloud;
+  pcl::fromROSMsg(*message, cloud);
+  ExpectSame(cloud, points);
+  EXPECT_EQ(message->fields.at(7).name, "confidence");
   float confidence;
   std::memcpy(&confidence, message->data.data() + message->fields[7].offset, sizeof(float));
   EXPECT_EQ(confidence, 0.75f);
-  pcl::PointCloud<pcl::PointXYZRGBNormal> cloud;
-  pcl::fromROSMsg(*message, cloud);
-  ASSERT_EQ(cloud.size(), 2u);
-  EXPECT_EQ(cloud[0].x, 1);
-  EXPECT_EQ(cloud[0].r, 200);
-  EXPECT_EQ(cloud[0].b, 50);
-  EXPECT_EQ(cloud[0].normal_z, -0.8f);
-  EXPECT_EQ(cloud[1].g, 2);
-  EXPECT_EQ(ToCloudMessage({}, MakeHeader())->width, 0u);
+  EXPECT_EQ(ToCloudMessage({}, std_msgs::Header())->width, 0u);
+  const auto folder = std::filesystem::path(testing::TempDir()) / "pcl_reads_map_files";
+  std::filesystem::create_directories(folder);
+  for (const bool binary : {true, false}) {
+    const std::string ply = (folder / "map.ply").string(), pcd = (folder / "map.pcd").string();
+    WriteMap(ply, {points}, MapFormat::kPly, binary);
+    ASSERT_EQ(pcl::io::loadPLYFile(ply, cloud), 0);
+    ExpectSame(cloud, points);
+    WriteMap(pcd, {points}, MapFormat::kPcd, binary);
+    ASSERT_EQ(pcl::io::loadPCDFile(pcd, cloud), 0);
+    ExpectSame(cloud, points);
+    pcl::PointCloud<pcl::PointXYZRGBA> colors;  // some read the colours as whole numbers
+    ASSERT_EQ(pcl::io::loadPCDFile(pcd, colors), 0);
+    EXPECT_EQ(colors[5].g, points[5].color.g);
+  }
 }
 
 TEST(CheckCloudSize, RefusesWhatAMessageCannotHold) {
@@ -87,7 +107,7 @@ TEST(CheckCloudSize, RefusesWhatAMessageCannotHold) {
   constexpr size_t kLimit = std::numeric_limits<uint32_t>::max();
   EXPECT_NO_THROW(CheckCloudSize(kLimit / kPackedPointBytes, kLimit));
   EXPECT_THAT(ErrorOf([] { CheckCloudSize(kLimit / kPackedPointBytes + 1, kLimit); }),
-              testing::AllOf(testing::HasSubstr("134217728 points"), testing::HasSubstr("~voxel_size")));
+              AllOf(HasSubstr("134217728 points"), HasSubstr("~voxel_size")));
 }
 
 }  // namespace

@@ -14,6 +14,14 @@ namespace acmp::test {
 /// is longer.
 constexpr double kTimeoutS = 400;
 
+/// Asks again and again until `holds()`; false after `timeout_s`.
+template <class Condition>
+bool WaitUntil(const Condition& holds, double timeout_s) {
+  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(timeout_s);
+  while (!holds() && ros::ok() && ros::WallTime::now() < end) ros::WallDuration(0.02).sleep();
+  return holds();
+}
+
 /// Keeps every message of a topic. Needs a spinner in another thread.
 template <class Message>
 class Recorder {
@@ -45,9 +53,7 @@ class Recorder {
 
   /// Until `count` publishers are connected; false after `timeout_s`.
   bool WaitForPublisher(double timeout_s, uint32_t count = 1) const {
-    const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(timeout_s);
-    while (subscriber_.getNumPublishers() < count && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
-    return subscriber_.getNumPublishers() >= count;
+    return test::WaitUntil([&] { return subscriber_.getNumPublishers() >= count; }, timeout_s);
   }
 
   std::vector<ConstPtr> messages() {

@@ -12,6 +12,7 @@
 #include "acmp_mapping/pipeline/presets.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/output_conversion.h"
+#include "ros/recorder.h"
 
 namespace acmp::test {
 
@@ -104,15 +105,12 @@ ScenePlayer::ScenePlayer(ros::NodeHandle nh, const std::string& image_topic, con
       sparse_points(nh.advertise<sensor_msgs::PointCloud2>(sparse_points_topic, 100)) {}
 
 bool ScenePlayer::WaitForMapper(double timeout_s) const {
-  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(timeout_s);
-  while (ros::ok() && ros::WallTime::now() < end) {
-    if (image.getNumSubscribers() > 0 && camera_info.getNumSubscribers() > 0 && pose.getNumSubscribers() > 0 &&
-        sparse_points.getNumSubscribers() > 0) {
-      return true;
-    }
-    ros::WallDuration(0.05).sleep();
-  }
-  return false;
+  return WaitUntil(
+      [this] {
+        return image.getNumSubscribers() > 0 && camera_info.getNumSubscribers() > 0 && pose.getNumSubscribers() > 0 &&
+               sparse_points.getNumSubscribers() > 0;
+      },
+      timeout_s);
 }
 
 void ScenePlayer::Publish(const ViewMessages& messages) const {

@@ -9,7 +9,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nav_msgs/Path.h>
-#include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
@@ -68,7 +67,6 @@ TEST_F(SessionsTest, AMapIsSavedAndLoadedAgainAndGoesOn) {
   ASSERT_TRUE(saved.success) << saved.message;
   EXPECT_EQ(saved.keyframes, kViews);
   EXPECT_GT(saved.points, 100u);
-  EXPECT_THAT(saved.message, HasSubstr("5 keyframes to "));
   ASSERT_TRUE(mapper().CallMap("reset"));
   EXPECT_EQ(MapBytes(), "");
   const LoadSession::Response loaded = Load("session.bag");
@@ -76,21 +74,6 @@ TEST_F(SessionsTest, AMapIsSavedAndLoadedAgainAndGoesOn) {
   EXPECT_EQ(loaded.keyframes, kViews);
   EXPECT_EQ(loaded.points, saved.points);
   EXPECT_EQ(MapBytes(), before);
-
-  // A loop closure moves it.
-  Recorder<nav_msgs::Path> paths(mapper().nh, "keyframe_path");
-  ASSERT_TRUE(paths.WaitForCount(1, kTimeoutS));
-  nav_msgs::Path path = *paths.messages().back();
-  ASSERT_EQ(path.poses.size(), kViews);
-  for (geometry_msgs::PoseStamped& pose : path.poses) pose.pose.position.x += 3;
-  ros::Publisher optimized_path = mapper().nh.advertise<nav_msgs::Path>("optimized_path", 1, true);
-  optimized_path.publish(path);
-  EXPECT_TRUE(paths.WaitUntil(
-      [&](const auto& messages) {
-        return std::abs(messages.back()->poses.back().pose.position.x - path.poses.back().pose.position.x) < 1e-6;
-      },
-      kTimeoutS));
-  EXPECT_NE(MapBytes(), before);
 
   // And it goes on: the same images in another run.
   ASSERT_TRUE(mapper().Call("reset"));
@@ -126,29 +109,8 @@ TEST_F(SessionsTest, ImagesAreKeptForAColmapModel) {
                                  "images/0000001000_100000000_dense_mapper.jpg"}) {
     EXPECT_TRUE(BytesOf(PathOf("again.colmap/" + name)) == BytesOf(PathOf("map.colmap/" + name))) << name;
   }
-  // And after a loop closure, in place of the first.
-  nav_msgs::Path path;
-  path.header.frame_id = kWorldFrame;
-  for (const SceneImage& image : model.images) {
-    path.poses.emplace_back();
-    path.poses.back().header.frame_id = kWorldFrame;
-    path.poses.back().header.stamp = StampOf(path.poses.size() - 1);
-    path.poses.back().pose =
-        tf2::toMsg(Eigen::Isometry3d(Eigen::Translation3d(3, 0, 0) * image.cam_from_world.inverse()));
-  }
-  Recorder<nav_msgs::Path> paths(mapper().nh, "keyframe_path");
-  ASSERT_TRUE(paths.WaitForCount(1, kTimeoutS));
-  ros::Publisher optimized_path = mapper().nh.advertise<nav_msgs::Path>("optimized_path", 1, true);
-  optimized_path.publish(path);
-  ASSERT_TRUE(paths.WaitForCount(2, kTimeoutS));
-  const SaveMap::Response moved = mapper().SaveMap(PathOf("map.colmap"), SaveMap::Request::COLMAP, true);
-  EXPECT_THAT(moved.message, HasSubstr("map.colmap, in place of the folder of that name"));
-  const auto moved_model = ReadScene(PathOf("map.colmap"), SceneFormat::kColmap);
-  for (size_t i = 0; i < kViews; ++i) {
-    const Eigen::Vector3d step = moved_model.images[i].cam_from_world.inverse().translation() -
-                                 model.images[i].cam_from_world.inverse().translation();
-    EXPECT_NEAR((step - Eigen::Vector3d(3, 0, 0)).norm(), 0, 1e-6);
-  }
+  EXPECT_THAT(mapper().SaveMap(PathOf("map.colmap"), SaveMap::Request::COLMAP, true).message,
+              HasSubstr("map.colmap, in place of the folder of that name"));
 }
 
 TEST_F(SessionsTest, AKeyframeWhoseImageCannotBeKeptIsInTheMapWithoutIt) {
@@ -210,8 +172,6 @@ TEST_F(SessionsTest, WhatCannotBeUsedIsRefusedAndTheMapStays) {
   // Images of 64 x 48 px show too little.
   EXPECT_THAT(Load("session.bag", {}, true).message,
               AllOf(HasSubstr("where it lies in the map is not sure"), HasSubstr("nothing was loaded")));
-  fs::resize_file(PathOf("session.bag"), fs::file_size(PathOf("session.bag")) / 2);
-  EXPECT_THAT(Load("session.bag").message, AllOf(HasSubstr(PathOf("session.bag")), HasSubstr("truncated")));
   EXPECT_THAT(Load("none.bag").message, AllOf(HasSubstr("none.bag"), HasSubstr("no such file")));
   EXPECT_THAT(Load("../../none.bag").message, HasSubstr("must lie below"));
   EXPECT_THAT(Save("../../none.bag").message, HasSubstr("must lie below"));

@@ -4,12 +4,11 @@
 
 #include <gtest/gtest.h>
 #include <nav_msgs/Path.h>
-#include <pcl_conversions/pcl_conversions.h>
 #include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/evaluation/cloud_metrics.h"
+#include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
-#include "ros/map_point.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::slam_rostest {
@@ -77,12 +76,10 @@ struct Session {
 
   /// Share of the map within kNear_m of the surfaces, percent.
   double AccuracyOf(const sensor_msgs::PointCloud2& message) const {
-    pcl::PointCloud<MapPoint> cloud;
-    pcl::fromROSMsg(message, cloud);
-    PointCloud points;
-    for (const MapPoint& p : cloud) {
-      const Eigen::Vector3f in_room = slam.ToTrueWorld({p.x, p.y, p.z}).cast<float>();
-      points.push_back({{in_room.x(), in_room.y(), in_room.z()}, {0, 0, 0}, {0, 0, 0}, 1});
+    PointCloud points = ToPointCloud(message);
+    for (SurfacePoint& p : points) {
+      const Eigen::Vector3f in_room = slam.ToTrueWorld({p.position.x, p.position.y, p.position.z}).cast<float>();
+      p.position = {in_room.x(), in_room.y(), in_room.z()};
     }
     return EvaluateCloud(points, surface, {kNear_m})[0].accuracy;
   }

@@ -22,6 +22,14 @@ struct InputMatcherOptions {
   double source_tolerance_s = 5e-3;  ///< between the stamps of an image and those of source cameras, 0..0.1
 };
 constexpr int kMaxSourceCameras = 4;  ///< that bring source images beside the mapper's own
+
+/// Streams of what belongs to images and is an image itself: each image waits for its own (~mask_wait).
+enum CompanionStream : size_t {
+  kMaskStream,
+  kPriorDepthStream,
+  kSourceStream
+};  ///< the last: of source camera 0, the others follow
+
 void Validate(const InputMatcherOptions& options);
 
 /// An image with its pose and landmarks.
@@ -30,10 +38,8 @@ struct MatchedInput {
   PoseSample pose;
   SparseCloudPtr cloud;                  ///< may be null
   std::optional<PoseSample> cloud_pose;  ///< pose at the cloud's stamp; needed where clouds are in the camera's frame
-  std::shared_ptr<const EncodedImage> mask;         ///< of the image's stamp; null where none came in time
-  std::shared_ptr<const EncodedImage> prior_depth;  ///< the same
-  /// Of each source camera the one that was taken with the image; null where none came in time.
-  std::vector<std::shared_ptr<const EncodedImage>> source_images;
+  /// Of each CompanionStream the one that belongs to the image; null where none came in time.
+  std::vector<std::shared_ptr<const EncodedImage>> companions;
 };
 
 /// The images' stamps went back (a bag that loops, a restarted camera): everything before belongs to another run.
@@ -67,20 +73,13 @@ class InputMatcher {
   void AddImage(ImageSample image);
   void AddPose(PoseSample pose);
   void AddCloud(SparseCloudPtr cloud);
-  void AddMask(CompanionSample mask);
-  void AddPriorDepth(CompanionSample depth);
-  /// @param camera from 0, below source_cameras
-  void AddSourceImage(size_t camera, CompanionSample image);
+  /// @param stream a CompanionStream, up to that of the last source camera
+  void AddCompanion(size_t stream, CompanionSample sample);
 
   /// Whether anybody publishes clouds; if not, no image waits for one. True at first.
   void set_clouds_expected(bool expected) { clouds_expected_ = expected; }
-  /// The same of masks; false at first. While set, an image without one is used as a whole, with a RejectedInput that
-  /// says so.
-  void set_masks_expected(bool expected) { masks_.set_expected(expected); }
-  /// The same of prior depth.
-  void set_prior_depth_expected(bool expected) { prior_depths_.set_expected(expected); }
-  /// The same of a source camera's images.
-  void set_source_expected(size_t camera, bool expected) { source_images_.at(camera).set_expected(expected); }
+  /// The same of a CompanionStream; false at first. While set, an image that goes without is told by a RejectedInput.
+  void set_companion_expected(size_t stream, bool expected) { companions_.at(stream).set_expected(expected); }
   /// While set, images wait; those that wait too long are dropped with this. Set at first: no camera is known.
   void set_obstacle(std::optional<RejectedInput> obstacle) { obstacle_ = std::move(obstacle); }
 
@@ -135,6 +134,7 @@ class InputMatcher {
   bool CloudIsSettled(const WaitingImage& image, double now_s) const;
   SparseCloudPtr ChooseCloud(int64_t stamp_ns) const;
   bool CompanionsAreSettled(const WaitingImage& image, double now_s) const;
+  RejectedInput DescribeMissingCompanion(size_t stream, int64_t stamp_ns) const;
   /// Clouds, masks and depth maps that are kept: an image that waits for its pose must find its own when that comes.
   size_t CompanionCapacity() const;
   void Emit(WaitingImage image);
@@ -149,11 +149,10 @@ class InputMatcher {
   bool clouds_expected_ = true;
   std::optional<RejectedInput> obstacle_ = RejectedInput{"no_camera_info", "no usable camera_info has been received"};
 
-  std::deque<WaitingImage> images_;   ///< ascending stamps
-  std::deque<ReceivedPose> poses_;    ///< ascending stamps
-  std::deque<ReceivedCloud> clouds_;  ///< in order of arrival
-  CompanionImages masks_, prior_depths_;
-  std::vector<CompanionImages> source_images_;  ///< by camera
+  std::deque<WaitingImage> images_;          ///< ascending stamps
+  std::deque<ReceivedPose> poses_;           ///< ascending stamps
+  std::deque<ReceivedCloud> clouds_;         ///< in order of arrival
+  std::vector<CompanionImages> companions_;  ///< by CompanionStream
   std::vector<MatchEvent> events_;
   std::optional<int64_t> newest_image_ns_;
   std::optional<int64_t> last_match_ns_;

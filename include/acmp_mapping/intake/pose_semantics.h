@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -40,5 +41,55 @@ const char* Name(PoseSemantics::Child child);
 
 /// "T_world_cam of camera_optical", for messages.
 std::string Describe(const PoseSemantics& semantics);
+
+/// Pose of a frame in another one, as it was last known; none if it is not known. Must not wait.
+using TransformLookup =
+    std::function<std::optional<RigidTransform>(const std::string& target_frame, const std::string& source_frame)>;
+
+/// Turns poses as received into poses of the camera's optical frame. With pose_child: body it needs T_body_cam, which
+/// comes from the first of these that has it: the parameter, tf, the topic `extrinsic`. Once chosen the source stays,
+/// and its latest value counts: some frontends refine it while they run. Not thread-safe.
+class PoseResolver {
+ public:
+  /// @param semantics with the parameter T_body_cam, if it is set
+  /// @param extrinsic_inverted the topic has T_cam_body
+  /// @param lookup of tf; may be empty
+  PoseResolver(const PoseSemantics& semantics, bool extrinsic_inverted, TransformLookup lookup);
+
+  /// What the topic `extrinsic` has brought.
+  void SetExtrinsic(const RigidTransform& received);
+
+  /// Looks T_body_cam up where it is not a parameter. Frames may be empty while they are not known.
+  void Update(const std::string& body_frame, const std::string& camera_frame);
+
+  /// Whether poses can be resolved.
+  bool ready() const { return semantics_.child != PoseSemantics::Child::kBody || semantics_.body_from_cam; }
+
+  /// Why not: what was looked for and what to set.
+  std::string DescribeMissing() const;
+
+  /// A sentence that names the source of T_body_cam, once, when it has been chosen.
+  std::optional<std::string> TakeNotice();
+
+  /// The semantics with the T_body_cam in use.
+  const PoseSemantics& semantics() const { return semantics_; }
+
+  /// Pose of the optical frame. Precondition: ready().
+  RigidTransform WorldFromCamera(const RigidTransform& received) const {
+    return acmp::WorldFromCamera(semantics_, received);
+  }
+
+ private:
+  enum class Source { kNone, kParameter, kTf, kTopic };
+  void Choose(Source source, const std::string& notice);
+
+  PoseSemantics semantics_;
+  bool extrinsic_inverted_;
+  TransformLookup lookup_;
+  Source source_ = Source::kNone;
+  std::optional<RigidTransform> extrinsic_;
+  std::string body_frame_, camera_frame_;
+  std::optional<std::string> notice_;
+};
 
 }  // namespace acmp

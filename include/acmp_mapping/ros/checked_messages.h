@@ -78,11 +78,11 @@ void CheckLengths(const uint8_t* data, size_t bytes) {
 }
 
 /// As NodeHandle::subscribe, with CheckLengths before memory is taken; roscpp logs what that throws.
-template <class Message>
-ros::Subscriber SubscribeChecked(ros::NodeHandle nh, const std::string& topic, uint32_t queue,
-                                 const boost::function<void(const boost::shared_ptr<const Message>&)>& callback,
+template <class Message, class Callback>
+ros::Subscriber SubscribeChecked(ros::NodeHandle nh, const std::string& topic, uint32_t queue, const Callback& call,
                                  const ros::TransportHints& hints = ros::TransportHints()) {
   using Parameter = const boost::shared_ptr<const Message>&;
+  const boost::function<void(Parameter)> callback = call;
   struct Helper : ros::SubscriptionCallbackHelperT<Parameter> {
     using ros::SubscriptionCallbackHelperT<Parameter>::SubscriptionCallbackHelperT;
     ros::VoidConstPtr deserialize(const ros::SubscriptionCallbackHelperDeserializeParams& params) override {

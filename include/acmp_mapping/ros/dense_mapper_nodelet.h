@@ -11,7 +11,6 @@
 #include "acmp_mapping/ros/diagnostics.h"
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
-#include "acmp_mapping/ros/mapper_diagnostics.h"
 #include "acmp_mapping/ros/mapper_worker.h"
 #include "acmp_mapping/ros/nodelet_base.h"
 #include "acmp_mapping/ros/options.h"
@@ -43,10 +42,6 @@ class DenseMapperNodelet : public NodeletBase {
   void LogDevice(const WorkerStatus& status);
 
   void MakeIntake(const RuntimeOptions& runtime_options);
-  bool DropWhilePaused(const std_msgs::Header& header);
-  /// Runs add(intake) and hands on what has become complete.
-  template <class Add>
-  void Receive(const Add& add);
   void HandleConfig(DenseMapperConfig& config);
   /// Of preset: auto. `text`: what it says of it.
   void UseSetting(const AutoPreset& chosen, const std::string& text);

@@ -13,6 +13,9 @@ namespace acmp {
 /// a log, and command the terminal that shows it.
 std::string Printable(const std::string& text);
 
+/// Seconds of a clock that never goes back, whatever ROS time does.
+double SteadySeconds();
+
 /// Something that a user should know. `reason` is a short fixed key for counting, `message` a sentence with the values.
 struct Incident {
   std::string reason;

@@ -6,12 +6,9 @@
 #include <string>
 #include <vector>
 
-#include <acmp_mapping/Keyframe.h>
 #include <ros/node_handle.h>
-#include <sensor_msgs/CameraInfo.h>
 
-#include "acmp_mapping/intake/sensor_samples.h"
-#include "acmp_mapping/ros/input_conversion.h"
+#include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/options.h"
 
 namespace acmp {
@@ -48,40 +45,27 @@ struct InputStatus {
 /// @param published types by name, of all topics that somebody publishes
 void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs);
 
-/// A subscription that converts messages to samples. Each kind of message is one implementation; all else knows samples
-/// only.
+/// A subscription, whose status may be asked for in any thread.
 class InputSource {
  public:
   virtual ~InputSource() = default;
   virtual InputStatus status() const = 0;
 };
 
-/// What becomes of the messages. Handlers may throw InvalidInputError for a message that cannot be used; it then goes
-/// to on_drop.
-struct InputHandlers {
-  std::function<void(std::shared_ptr<const EncodedImage>)> on_image;
-  std::function<void(const sensor_msgs::CameraInfo&)> on_camera_info;
-  std::function<void(PoseSample)> on_pose;
-  std::function<void()> on_tf;  ///< new transforms have come
-  std::function<void(SparseCloudPtr)> on_cloud;
-  std::function<void(CompanionSample)> on_mask;
-  std::function<void(CompanionSample)> on_prior_depth;
-  std::function<void(size_t camera, std::shared_ptr<const EncodedImage>)> on_source_image;
-  std::function<void(size_t camera, const sensor_msgs::CameraInfo&)> on_source_camera_info;
-  std::function<void(const RigidTransform&)> on_extrinsic;
-  std::function<void(const acmp_mapping::KeyframeConstPtr&)> on_keyframe;
-  std::function<void(const RejectedInput&)> on_drop;
+/// Where the samples go that are made of messages.
+struct InputSink {
+  /// Calls a function with the intake, and hands on what is complete then.
+  std::function<void(const std::function<void(KeyframeIntake*)>&)> receive;
+  std::function<bool()> is_paused;                    ///< images are dropped
+  std::function<void(const RejectedInput&)> on_drop;  ///< told of messages that cannot be used
 };
 
 /// Subscribes to the streams that the options ask for. Callbacks run in the node handle's callback queue. Throws
 /// InvalidInputError where two cameras have the same topic.
 std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle& nh, const NodeOptions& options,
-                                                           const InputHandlers& handlers);
+                                                           const InputSink& sink);
 
 /// Images that have come on all streams, those in whole keyframes too.
 uint64_t ImagesReceived(const std::vector<InputStatus>& inputs);
-
-/// Seconds of a clock that never goes back, whatever ROS time does.
-double SteadySeconds();
 
 }  // namespace acmp

@@ -12,7 +12,7 @@
 #include "acmp_mapping/intake/convention_check.h"
 #include "acmp_mapping/intake/input_matcher.h"
 #include "acmp_mapping/intake/keyframe_gate.h"
-#include "acmp_mapping/intake/pose_resolver.h"
+#include "acmp_mapping/intake/pose_semantics.h"
 #include "acmp_mapping/intake/world_tracker.h"
 #include "acmp_mapping/map/loop_correction.h"
 #include "acmp_mapping/ros/input_conversion.h"
@@ -91,16 +91,18 @@ class KeyframeIntake {
   /// All of a keyframe at once; see AddCameraInfo. Throws InvalidInputError if any part cannot be used.
   void AddKeyframe(const acmp_mapping::KeyframeConstPtr& keyframe, double arrival_s = 0);
   void AddCloud(SparseCloudPtr cloud) { matcher_.AddCloud(std::move(cloud)); }
-  void AddMask(CompanionSample mask) { matcher_.AddMask(std::move(mask)); }
-  void AddPriorDepth(CompanionSample depth) { matcher_.AddPriorDepth(std::move(depth)); }
+  void AddMask(CompanionSample mask) { matcher_.AddCompanion(kMaskStream, std::move(mask)); }
+  void AddPriorDepth(CompanionSample depth) { matcher_.AddCompanion(kPriorDepthStream, std::move(depth)); }
   /// @param camera from 0, below ~source_cameras
   void AddSourceImage(size_t camera, std::shared_ptr<const EncodedImage> image);
   /// Throws InvalidInputError for a camera that cannot be used; its images are then not used.
   void AddSourceCameraInfo(size_t camera, const sensor_msgs::CameraInfo& info) { sources_.AddCameraInfo(camera, info); }
-  void set_source_expected(size_t camera, bool expected) { matcher_.set_source_expected(camera, expected); }
+  void set_source_expected(size_t camera, bool expected) {
+    matcher_.set_companion_expected(kSourceStream + camera, expected);
+  }
   void set_clouds_expected(bool expected) { matcher_.set_clouds_expected(expected); }
-  void set_masks_expected(bool expected) { matcher_.set_masks_expected(expected); }
-  void set_prior_depth_expected(bool expected) { matcher_.set_prior_depth_expected(expected); }
+  void set_masks_expected(bool expected) { matcher_.set_companion_expected(kMaskStream, expected); }
+  void set_prior_depth_expected(bool expected) { matcher_.set_companion_expected(kPriorDepthStream, expected); }
   void set_gate(const KeyframeGateOptions& gate, double fallback_depth);
 
   /// What has happened since the last call, in order; see InputMatcher.

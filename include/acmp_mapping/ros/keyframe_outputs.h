@@ -3,10 +3,10 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
-#include "acmp_mapping/ros/latency_window.h"
 
 namespace acmp {
 
@@ -35,6 +35,24 @@ KeyframeOutput MakeKeyframeOutput(const KeyframeDepthPtr& maps, double min_depth
 /// Which share of a refined keyframe's pixels became points, and what the others lack: "image STAMP: 61 % points,
 /// ...". Each pixel counts once, but for those at an end of the depth range, beyond which nothing was searched.
 std::string DescribePixels(const KeyframeOutput& output);
+
+/// Latencies of the last outputs. Not thread-safe.
+class LatencyWindow {
+ public:
+  static constexpr size_t kCapacity = 1000;
+
+  struct Quantiles {
+    size_t count = 0;  ///< outputs since the start, not only those in the window
+    double median_ms = 0, p99_ms = 0, max_ms = 0;
+  };
+
+  void Add(double latency_ms);
+  Quantiles quantiles() const;
+
+ private:
+  std::vector<double> latencies_ms_;  ///< a ring once it is full
+  size_t count_ = 0;
+};
 
 /// What has been made of the keyframes.
 struct OutputStatus {

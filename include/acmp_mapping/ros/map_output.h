@@ -16,7 +16,6 @@
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/ros/incident_log.h"
-#include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/options.h"
 
 namespace acmp {

@@ -15,7 +15,6 @@
 
 #include "acmp_mapping/ros/diagnostics.h"
 #include "acmp_mapping/ros/keyframe_points.h"
-#include "acmp_mapping/ros/map_diagnostics.h"
 #include "acmp_mapping/ros/map_output.h"
 #include "acmp_mapping/ros/nodelet_base.h"
 #include "acmp_mapping/ros/options.h"
@@ -41,10 +40,6 @@ class MapServerNodelet : public NodeletBase {
   void Start() override;
   void Subscribe();
   void StartServices();
-  /// A service whose answer has success and message: what the handler throws becomes the message of a failure.
-  /// @param saves the answer also says what of the images is not in the map yet
-  template <class Service, class Handle>
-  void AddService(const char* name, bool saves, Handle handle);
   std::string SaveSession(const std::string& path, acmp_mapping::SaveSession::Response* response) const;
   /// FindTransform; says what was found. Throws InvalidInputError where that is not sure.
   std::string FindSession(const std::filesystem::path& path, const Session& session,

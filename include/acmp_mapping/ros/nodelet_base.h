@@ -1,17 +1,18 @@
 #pragma once
 
+#include <exception>
 #include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include <nodelet/nodelet.h>
+#include <std_srvs/Trigger.h>
 
 #include "acmp_mapping/ros/callback_thread.h"
 #include "acmp_mapping/ros/incident_log.h"
-#include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/master_watch.h"
-#include "acmp_mapping/ros/parameter_reader.h"
+#include "acmp_mapping/ros/options.h"
 
 namespace acmp {
 
@@ -23,8 +24,33 @@ class NodeletBase : public nodelet::Nodelet {
   /// Of the private namespace, with those that others read allowed.
   ParameterReader ReadParameters();
   void WarnOfUnknown(const ParameterReader& reader);
-  /// A Trigger service. The handler returns what it did; an exception's text becomes the message of a failure.
-  void AddTrigger(CallbackThread* thread, const char* name, std::function<std::string()> handler);
+  /// A private service whose answer has success and message: what handle(request, &response) throws becomes the message
+  /// of a failure.
+  /// @param doubt a clause that each answer ends with and that is warned of; may be empty
+  template <class Service, class Handle>
+  void AddService(CallbackThread* thread, const char* name, Handle handle,
+                  const std::function<std::string()>& doubt = {}) {
+    using Request = typename Service::Request;
+    using Response = typename Service::Response;
+    const boost::function<bool(Request&, Response&)> answer = [=](Request& request, Response& response) {
+      try {
+        handle(request, &response);
+        response.success = true;
+      } catch (const std::exception& error) {
+        response = {};
+        response.message = error.what();
+      }
+      const std::string clause = doubt ? doubt() : "";
+      response.message += clause;
+      if (!clause.empty()) NODELET_WARN("%s: %s", name, response.message.c_str());
+      return true;
+    };
+    services_.push_back(thread->Attach(getPrivateNodeHandle()).advertiseService(name, answer));
+  }
+  /// A Trigger service. The handler returns what it did.
+  void AddTrigger(CallbackThread* thread, const char* name, const std::function<std::string()>& handler) {
+    AddService<std_srvs::Trigger>(thread, name, [=](const auto&, auto* response) { response->message = handler(); });
+  }
   /// Counts an Incident or RejectedInput, and warns when it is time to.
   template <class Happening>
   void Report(Happening happening) {

@@ -9,11 +9,14 @@
 
 #include <sensor_msgs/CameraInfo.h>
 
-#include "acmp_mapping/intake/pose_resolver.h"
+#include "acmp_mapping/intake/pose_semantics.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/options.h"
 
 namespace acmp {
+
+/// Whether only the headers' stamps and numbers differ.
+bool SaysTheSame(const sensor_msgs::CameraInfo& a, sensor_msgs::CameraInfo b);
 
 /// What `info` says of the image as sent. Throws InvalidInputError as ToCalibration does, and where an image of that
 /// size would take more than memory_limit.
