@@ -1,6 +1,7 @@
 #include "acmp_mapping/ros/bag_reader.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <cstdint>
 #include <cstring>
 #include <fstream>
@@ -209,6 +210,7 @@ void CheckBagRecords(const std::filesystem::path& path, size_t max_bytes) { Reco
 void ReadBag(const std::filesystem::path& path, const char* when_cut_off,
              const std::function<void(const rosbag::Bag&)>& read, size_t max_bytes) {
   if (!std::filesystem::is_regular_file(path)) throw InvalidInputError(Concat(path, ": no such file"));
+  if (!std::ifstream(path)) throw InvalidInputError(Concat(path, ": cannot be opened: ", std::strerror(errno)));
   bool opened = false;
   try {
     CheckBagRecords(path, max_bytes);
