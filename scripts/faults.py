@@ -228,7 +228,8 @@ def wild_messages(build, _runs, seconds):
         good += [("/prior_depth", depth), ("/keyframe_points", points[0]), ("/mask", mask), ("/source_image", image),
                  ("/source_camera_info", info), ("/optimized_path", RosPath(PoseStamped().header, poses))]
         return send_wild(session, seconds, good)
-    return withstand(build, attack, mapper_parameters={"source_cameras": 1, "T_cam_source": [1, 0, 0, 0.1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]})
+    source = {"source_cameras": 1, "T_cam_source": [1, 0, 0, 0.1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}
+    return withstand(build, attack, mapper_parameters=source)
 
 
 def tf(build, _runs, seconds):
