@@ -220,14 +220,15 @@ def wild_messages(build, _runs, seconds):
         session.map_bag(bag)
         wait_for(lambda: points, "keyframe_points")
         good = [(topic, message) for topic, message, _ in rosbag.Bag(bag).read_messages(topics=list(TOPICS.values()))]
-        image = next(message for topic, message in good if topic == TOPICS["image"])
+        image, info = (next(message for topic, message in good if topic == TOPICS[name]) for name in ("image", "camera_info"))
         poses = [message for topic, message in good if topic == TOPICS["pose"]]
         mask = Image(image.header, image.height, image.width, "mono8", 0, image.width, bytes(image.height * image.width))
         depth = Image(image.header, image.height, image.width, "16UC1", 0, 2 * image.width, bytes(2 * image.height * image.width))
-        good += [("/prior_depth", depth), ("/keyframe_points", points[0]), ("/mask", mask),
-                 ("/optimized_path", RosPath(PoseStamped().header, poses))]
+        good += [("/prior_depth", depth), ("/keyframe_points", points[0]), ("/mask", mask), ("/source_image", image),
+                 ("/source_camera_info", info), ("/optimized_path", RosPath(PoseStamped().header, poses))]
         return send_wild(session, seconds, good)
-    return withstand(build, attack)
+    source = {"source_cameras": 1, "T_cam_source": [1, 0, 0, 0.1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}
+    return withstand(build, attack, mapper_parameters=source)
 
 
 def tf(build, _runs, seconds):

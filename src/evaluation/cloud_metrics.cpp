@@ -15,12 +15,13 @@
 namespace acmp {
 namespace {
 
-// What nanoflann asks of a point set.
+// What nanoflann asks of a point set. In double: distances to boxes and to the points in them must not differ by what
+// single precision rounds.
 struct PointSet {
   const PointCloud& points;
 
   size_t kdtree_get_point_count() const { return points.size(); }
-  float kdtree_get_pt(size_t index, size_t axis) const {
+  double kdtree_get_pt(size_t index, size_t axis) const {
     const Vec3f& p = points[index].position;
     return axis == 0 ? p.x : axis == 1 ? p.y : p.z;
   }
@@ -29,18 +30,21 @@ struct PointSet {
     return false;
   }
 };
-using Distance = nanoflann::L2_Simple_Adaptor<float, PointSet, double>;
+using Distance = nanoflann::L2_Simple_Adaptor<double, PointSet, double>;
 using KdTree = nanoflann::KDTreeSingleIndexAdaptor<Distance, PointSet, 3, size_t>;
 
-// What nanoflann's search asks of a result: the distance to the nearest point. Others that are just as near are not
-// looked at: a cloud may have very many equal points.
+// What nanoflann's search asks of a result: the distance to the nearest point. Others that are just as near, but for
+// rounding, are not looked at: a cloud may have very many equal points.
 class NearestDistance {
  public:
   bool addPoint(double squared, size_t /*index*/) {
     if (squared < squared_) squared_ = squared;
     return true;
   }
-  double worstDist() const { return std::nextafter(squared_, -1.0); }
+  double worstDist() const {
+    constexpr double kRounding = 1e-14;  // relative: some thirty sums and products on the way down the tree
+    return squared_ > 0 ? (1 - kRounding) * squared_ : -1;
+  }
   size_t size() const { return full() ? 1 : 0; }
   bool full() const { return squared_ < std::numeric_limits<double>::max(); }
   bool empty() const { return !full(); }
@@ -61,7 +65,7 @@ std::vector<double> SquaredDistances(const PointCloud& points, const PointCloud&
   std::vector<double> squared(points.size());
   tbb::parallel_for(size_t{0}, points.size(), [&](size_t i) {
     const Vec3f& p = points[i].position;
-    const float query[3] = {p.x, p.y, p.z};
+    const double query[3] = {p.x, p.y, p.z};
     NearestDistance nearest;
     tree.findNeighbors(nearest, query, {});
     squared[i] = nearest.squared();

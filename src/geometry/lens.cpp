@@ -216,6 +216,10 @@ std::vector<PinholeFace> FacesOf(const Lens& lens) {
     face.camera.cy -= y;
     shown.push_back(face);
   }
+  if (shown.empty()) {
+    throw InvalidInputError(Concat("camera of ", c.width, "x", c.height, " pixels with its principal point at (", c.cx,
+                                   ", ", c.cy, "): its lens shows hardly anything of any direction"));
+  }
   return shown;
 }
 

@@ -19,7 +19,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// By time, then by mapper; two runs of a mapper may have the same. Without dots, at which some trainers cut names off.
+/// By time, then by mapper; what has the same, as faces of a wide camera or two runs of a mapper, is numbered. Without
+/// dots, at which some trainers cut names off, and no longer than a file's name may be.
 std::string ImageNameOf(const PlacedKeyframe& keyframe, std::set<std::string>* names) {
   constexpr int64_t kSecond_ns = 1000000000;
   char stamp[48];
@@ -28,9 +29,11 @@ std::string ImageNameOf(const PlacedKeyframe& keyframe, std::set<std::string>* n
   std::string mapper = keyframe.mapper;
   mapper.erase(0, mapper.find_first_not_of('/'));
   std::replace(mapper.begin(), mapper.end(), '/', '_');
-  std::string name = Concat(stamp, "_", mapper);
-  while (!names->insert(name).second) name += "_again";
-  return name + ".jpg";
+  constexpr size_t kMaxMapper = 100;  // characters
+  const std::string name = Concat(stamp, "_", mapper.substr(0, kMaxMapper));
+  std::string unique = name;
+  for (size_t number = 2; !names->insert(unique).second; ++number) unique = Concat(name, "_", number);
+  return unique + ".jpg";
 }
 
 /// What the keyframe's camera sees of its points.

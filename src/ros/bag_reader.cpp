@@ -1,6 +1,7 @@
 #include "acmp_mapping/ros/bag_reader.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <cstdint>
 #include <cstring>
 #include <fstream>
@@ -89,8 +90,8 @@ std::map<uint32_t, uint32_t> FindMessages(std::string_view chunk) {
 
 class RecordReader {
  public:
-  RecordReader(const std::filesystem::path& path, size_t max_chunk_bytes)
-      : file_(path, std::ios::binary), size_(std::filesystem::file_size(path)), max_chunk_bytes_(max_chunk_bytes) {}
+  RecordReader(const std::filesystem::path& path, size_t max_bytes)
+      : file_(path, std::ios::binary), size_(std::filesystem::file_size(path)), max_bytes_(max_bytes) {}
 
   void Check() {
     if (Take(kFirstLine.size()) != kFirstLine) throw InvalidInputError("is no bag of version 2.0");
@@ -152,11 +153,9 @@ class RecordReader {
   }
 
   std::string_view Unpack(const RecordHeader& header, const std::string& packed) {
+    constexpr uint64_t kCopies = 3;  // rosbag's, the message that it makes of it, and what the reader makes of that
     const auto size = header.Number<uint32_t>("size");
-    if (size > max_chunk_bytes_) {
-      throw InvalidInputError(Concat("a chunk of ", packed.size(), " bytes would have ", size,
-                                     " bytes unpacked: must be at most ", max_chunk_bytes_));
-    }
+    CheckMemory(Concat("a chunk of ", packed.size(), " bytes, ", size, " unpacked,"), size, kCopies, max_bytes_);
     const std::string_view compression = header.Text("compression");
     rosbag::CompressionType type = rosbag::compression::Uncompressed;
     if (compression == "bz2") {
@@ -189,7 +188,7 @@ class RecordReader {
 
   std::ifstream file_;
   const uint64_t size_;
-  const size_t max_chunk_bytes_;
+  const size_t max_bytes_;
   uint64_t position_ = 0;
   uint64_t index_position_ = 0;
   std::set<uint64_t> records_, chunks_;  ///< where they begin
@@ -203,19 +202,18 @@ class RecordReader {
 /// Reads all records of a bag and checks what rosbag follows without looking: lengths, and the positions of chunks and
 /// messages that the index gives. rosbag would read, and write, wherever these lead it. Throws InvalidInputError
 /// without the file's name. A bag without index, which rosbag refuses, is left to it.
-/// @param max_chunk_bytes of a chunk, unpacked
-void CheckBagRecords(const std::filesystem::path& path, size_t max_chunk_bytes) {
-  RecordReader(path, max_chunk_bytes).Check();
-}
+/// @param max_bytes that reading a chunk may take
+void CheckBagRecords(const std::filesystem::path& path, size_t max_bytes) { RecordReader(path, max_bytes).Check(); }
 
 }  // namespace
 
 void ReadBag(const std::filesystem::path& path, const char* when_cut_off,
-             const std::function<void(const rosbag::Bag&)>& read, size_t max_chunk_bytes) {
+             const std::function<void(const rosbag::Bag&)>& read, size_t max_bytes) {
   if (!std::filesystem::is_regular_file(path)) throw InvalidInputError(Concat(path, ": no such file"));
+  if (!std::ifstream(path)) throw InvalidInputError(Concat(path, ": cannot be opened: ", std::strerror(errno)));
   bool opened = false;
   try {
-    CheckBagRecords(path, max_chunk_bytes);
+    CheckBagRecords(path, max_bytes);
     const rosbag::Bag bag(path.string(), rosbag::bagmode::Read);
     opened = true;
     read(bag);

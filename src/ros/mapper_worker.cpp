@@ -10,6 +10,7 @@
 
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/image/image_processing.h"
@@ -30,6 +31,18 @@ void CheckMaskFile(const Mask& mask, const std::string& file, const PinholeCamer
   if (mask.width() == camera.width && mask.height() == camera.height) return;
   throw InvalidInputError(Concat("~mask_file ", file, " of ", mask.width(), "x", mask.height(),
                                  ": must have the image's size, ", camera.width, "x", camera.height));
+}
+
+/// A lens that shows its middle much larger than its rim has faces of many more pixels than its image.
+void CheckFaces(const std::vector<PinholeFace>& faces, const PinholeCamera& camera, size_t max_bytes) {
+  constexpr uint64_t kFacePixelBytes = 24;  // where each comes from, in two forms, and what is there
+  uint64_t pixels = 0;
+  for (const PinholeFace& face : faces) {
+    pixels += static_cast<uint64_t>(face.camera.width) * static_cast<uint64_t>(face.camera.height);
+  }
+  CheckMemory(Concat("a camera of ", camera.width, "x", camera.height, " pixels, whose lens needs ", pixels,
+                     " pixels without distortion,"),
+              pixels, kFacePixelBytes, max_bytes);
 }
 
 /// A JPEG file, or null for a size of 0. @param max_size px of the longer side
@@ -333,14 +346,16 @@ double MapperWorker::SizeOf(const Camera& camera) const {
 cv::Mat MapperWorker::Decode(const EncodedImage& image, const CalibrationPtr& calibration, Camera* camera) {
   if (!camera->calibration || !(*camera->calibration == *calibration)) {
     const Lens lens = calibration->MakeLens();
-    camera->rectifiers.clear();
-    camera->decoder = ImageDecoder();
-    camera->calibration = calibration;
+    Camera made;  // of its own: where that fails, the next image must not find half of it
+    made.calibration = calibration;
     if (node_options_.wide_faces == WideFaces::kOff) {
-      camera->rectifiers.emplace_back(lens);
+      made.rectifiers.emplace_back(lens);
     } else {
-      for (PinholeFace& face : FacesOf(lens)) camera->rectifiers.emplace_back(lens, std::move(face));
+      std::vector<PinholeFace> faces = FacesOf(lens);
+      CheckFaces(faces, lens.camera(), static_cast<size_t>(1e9 * node_options_.memory_limit_gb));
+      for (PinholeFace& face : faces) made.rectifiers.emplace_back(lens, std::move(face));
     }
+    *camera = std::move(made);
   }
   const std::string note = camera->decoder.note();
   cv::Mat rgb = camera->decoder.Decode(image, &calibration->camera);

@@ -70,8 +70,7 @@ void MasterWatch::Check() {
   }
   const int pid = payload;
   const bool restarted = master_pid_ != 0 && pid != master_pid_;
-  if (restarted && IsReplaced()) return;
-  if (restarted && !Register()) return;  // it went again meanwhile: another time
+  if (restarted && !Register()) return;  // there is another of this name, or it went again: another time
   if (restarted) {
     report_(Concat("the ROS master was restarted: ", publications_.size() + subscriptions_.size(), " topics and ",
                    services_.size(), " services are registered again; the map is kept"));
@@ -105,19 +104,23 @@ void MasterWatch::ReadRegistrations() {
   services_ = OwnNames(state[2]);
 }
 
-bool MasterWatch::Register() const {
+bool MasterWatch::Register() {
   const std::string uri = ros::XMLRPCManager::instance()->getServerURI();
   const std::string service_uri =
       Concat("rosrpc://", ros::network::getHost(), ":", ros::ConnectionManager::instance()->getTCPPort());
   XmlRpcValue payload;
+  // Another process of the same name may come at any time, and the master would end it at the next registration.
+  const auto add = [&](const char* method, const std::vector<std::string>& arguments) {
+    return !IsReplaced() && Ask(method, arguments, &payload);
+  };
   for (const auto& [topic, type] : publications_) {
-    if (!Ask("registerPublisher", {topic, type, uri}, &payload)) return false;
+    if (!add("registerPublisher", {topic, type, uri})) return false;
   }
   for (const std::string& service : services_) {
-    if (!Ask("registerService", {service, service_uri, uri}, &payload)) return false;
+    if (!add("registerService", {service, service_uri, uri})) return false;
   }
   for (const std::string& topic : subscriptions_) {
-    if (!Ask("registerSubscriber", {topic, "*", uri}, &payload)) return false;  // *: whatever is published
+    if (!add("registerSubscriber", {topic, "*", uri})) return false;  // *: whatever is published
     // An empty list would end connections to publishers that have not registered again, but still send.
     if (payload.getType() == XmlRpcValue::TypeArray && payload.size() > 0) UpdatePublishers(topic, payload);
   }

@@ -64,9 +64,10 @@ class InputLines {
   explicit InputLines(const acmp::StopRequest* interrupt) : interrupt_(*interrupt) {}
 
   /// The next line without its end; one at the end of the input need not have one. Nothing at the end, or when it
-  /// cannot be read. Throws Interrupted while it waits.
+  /// cannot be read. Throws Interrupted while it waits, InvalidInputError for a line that no stage and images take.
   std::optional<std::string> Next() {
     constexpr int kCheckMs = 200;
+    constexpr size_t kMaxLine = 100000;  // characters
     for (;;) {
       if (const size_t end = read_.find('\n'); end != std::string::npos) {
         std::string line = read_.substr(0, end);
@@ -76,6 +77,10 @@ class InputLines {
       if (ended_) {
         if (read_.empty()) return std::nullopt;
         return std::exchange(read_, {});
+      }
+      if (read_.size() > kMaxLine) {
+        throw acmp::InvalidInputError(acmp::Concat("--stages: a line has more than ", kMaxLine,
+                                                   " characters: must be STAGE IMAGES, as step_0 0-15, or finish"));
       }
       interrupt_.Check();
       pollfd input = {STDIN_FILENO, POLLIN, 0};

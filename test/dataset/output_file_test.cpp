@@ -13,6 +13,18 @@
 #include "dataset/test_folder.h"
 #include "support/error_text.h"
 
+namespace {
+std::vector<ino_t> g_synced;
+}  // namespace
+
+/// In place of the system's, which nobody can see the effect of without a power cut.
+extern "C" int fsync(int descriptor) {
+  struct stat status = {};
+  if (fstat(descriptor, &status) != 0) return -1;
+  g_synced.push_back(status.st_ino);
+  return 0;
+}
+
 namespace acmp {
 namespace {
 
@@ -38,6 +50,16 @@ TEST_F(OutputFileTest, WithoutCommitTheOldFileStays) {
   }
   EXPECT_EQ(ReadText(path), "old");
   EXPECT_EQ(CountFiles(folder()), 1u);
+}
+
+TEST_F(OutputFileTest, APowerCutLeavesTheOldFileOrTheNewOne) {
+  const auto inode = [](const std::filesystem::path& path) {
+    struct stat status = {};
+    return stat(path.c_str(), &status) == 0 ? status.st_ino : 0;
+  };
+  g_synced.clear();
+  WriteFileAtomically(folder() / "map", "new", Durability::kPowerCut);
+  EXPECT_THAT(g_synced, ::testing::ElementsAre(inode(folder() / "map"), inode(folder()))) << "content, then its name";
 }
 
 TEST_F(OutputFileTest, AFolderIsWholeOrAbsentAndReplacesTheOldOne) {

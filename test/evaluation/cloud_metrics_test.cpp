@@ -105,6 +105,8 @@ TEST(EvaluateCloud, EqualPointsTakeNoLongerThanOthers) {
   const PointCloud truth = cloud;
   cloud.insert(cloud.end(), 200000, At(5, 5, 5));  // as depth cameras write points that they do not have; else minutes
   EXPECT_EQ(EvaluateCloud(cloud, truth, {1e-6}, 0.01)[0].completeness, 100.0);
+  const PointCloud equal(400000, At(1, 1, 1));  // the nearest of all
+  EXPECT_EQ(EvaluateCloud(equal, truth, {4.0}, 0.01)[0].completeness, 100.0);
 }
 
 TEST(EvaluateCloud, RefusesBadInput) {

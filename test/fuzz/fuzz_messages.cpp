@@ -100,7 +100,7 @@ ACMP_FUZZ_TARGET(calibration_file) {
   return 0;
 }
 
-/// A CameraInfo, and the undistortion of an image and a mask by it.
+/// A CameraInfo, the undistortion of an image and a mask by it, and the faces of its lens.
 ACMP_FUZZ_TARGET(camera_info) {
   constexpr int kLargeSide = 64;  // larger ones take memory and time
   fuzz::Bytes bytes(data, size);
@@ -111,9 +111,11 @@ ACMP_FUZZ_TARGET(camera_info) {
       const CameraCalibration calibration = ToCalibration(info, rectified);
       const int width = calibration.camera.width, height = calibration.camera.height;
       if (width > kLargeSide || height > kLargeSide) return;
-      Rectifier rectifier(calibration.MakeLens());
+      const Lens lens = calibration.MakeLens();
+      Rectifier rectifier(lens);
       rectifier.Rectify(cv::Mat::zeros(height, width, CV_8UC3));
       rectifier.RectifyMask(Mask(width, height, 1));
+      if (FacesOf(lens).empty()) std::abort();  // the mapper takes the first one
     });
   }
   return 0;

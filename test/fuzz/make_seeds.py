@@ -85,9 +85,9 @@ HEADER = struct.pack("<II", 5, 0) + text("map")
 POSE_MESSAGE = struct.pack("<7d", 0.1, 0, 0, 0, 0, 0, 1)
 
 
-def camera_info(model, coefficients, binning=1, roi=(0, 0, 0, 0)):
+def camera_info(model, coefficients, binning=1, roi=(0, 0, 0, 0), focal=9, cx=4):
     return (HEADER + struct.pack("<II", 8, 6) + text(model) + vector("d", coefficients) +
-            struct.pack("<21d", 9, 0, 4, 0, 9, 3, 0, 0, 1, 9, 0, 4, 0, 0, 9, 3, 0, 0, 0, 1, 0) +
+            struct.pack("<21d", focal, 0, cx, 0, focal, 3, 0, 0, 1, focal, 0, cx, 0, 0, focal, 3, 0, 0, 0, 1, 0) +
             struct.pack("<6I", binning, binning, *roi))
 
 
@@ -113,6 +113,8 @@ PACKED = XYZ + ["rgb", "normal_x", "normal_y", "normal_z", "confidence"]
 seed("camera_info", "plumb_bob", camera_info("plumb_bob", [0.1, 0, 0, 0, 0], 2, (2, 2, 4, 4)))
 seed("camera_info", "rational", camera_info("rational_polynomial", [0.1, 0, 0, 0, 0, 0, 0, 0]))
 seed("camera_info", "equidistant", camera_info("equidistant", [0.1, 0, 0, 0]))
+seed("camera_info", "wide", camera_info("equidistant", [0, 0, 0, 0], focal=2))
+seed("camera_info", "beside_the_image", camera_info("plumb_bob", [0, 0, 0, 0, 0], cx=1e9))
 for name, size in (("rgb8", 3), ("mono16", 2), ("bayer_rggb8", 1), ("yuv422", 2), ("bgra8", 4)):
     seed("image_message", name, b"\1" + image(name, size))
 seed("image_message", "png", b"\0" + compressed(png()))

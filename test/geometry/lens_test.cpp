@@ -137,6 +137,15 @@ std::vector<std::string> NamesOf(const std::vector<PinholeFace>& faces) {
   return names;
 }
 
+TEST(FacesOf, ALensThatShowsNothingHasNone) {
+  for (const double cx : {1e9, -1e9}) {
+    EXPECT_THAT(ErrorOf([&] {
+                  FacesOf(Lens({64, 48, 60, 60, cx, 24}, {Model::kNone, {}}));
+                }),
+                HasSubstr("its lens shows hardly anything of any direction"));
+  }
+}
+
 TEST(FacesOf, ShowAllThatTheLensSees) {
   using ::testing::ElementsAre;
   const LensDistortion fisheye = {Model::kEquidistant, {-0.01, 0.004, -0.001, 1e-4}};

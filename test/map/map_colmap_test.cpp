@@ -102,12 +102,14 @@ TEST_F(MapColmapTest, ScalesCountAndImagesMayBeLarger) {
 TEST_F(MapColmapTest, WhatHasNoImageOrPointsIsLeftOutAndCounted) {
   map_.keyframes[0].image.reset();
   map_.keyframes[2].points_in_camera = std::make_shared<const PointCloud>();
+  map_.keyframes[1].mapper += std::string(230, 'r');
   map_.keyframes[4].stamp_ns = map_.keyframes[3].stamp_ns;  // of another run
   const ColmapFolder written = WriteColmapFolder(Path(), map_);
   EXPECT_THAT(std::vector<size_t>({written.images, written.without_image, written.without_points}),
               ElementsAre(3, 1, 1));
   const Scene scene = ReadScene(Path());
-  EXPECT_EQ(scene.images[2].name, "1700000000_300000007_acmp_dense_mapper_again.jpg");
+  EXPECT_EQ(scene.images[0].name, "1700000000_100000007_acmp_dense_mapper" + std::string(83, 'r') + ".jpg");
+  EXPECT_EQ(scene.images[2].name, "1700000000_300000007_acmp_dense_mapper_2.jpg");
 }
 
 TEST_F(MapColmapTest, ItIsWrittenWholeOrNotAtAll) {

@@ -239,6 +239,9 @@ TEST_F(ReconstructCliTest, DoesStagesThatStandardInputNames) {
   EXPECT_EQ(again.exit_code, 0);
   EXPECT_EQ(again.text, "step_0 0-3: done\n");
   EXPECT_EQ(RunTool(Usual() + " --stages --images 0 < /dev/null").exit_code, 2);
+  const Outcome endless = RunShell("yes x | tr -d '\\n' | " + stages);
+  EXPECT_EQ(endless.exit_code, 2);
+  EXPECT_THAT(endless.text, HasSubstr("a line has more than 100000 characters"));
   const Outcome stopped = RunShell("cd " + folder().string() + "; mkfifo lines; " + stages +
                                    " <> lines > answers & echo step_0 0-3 > lines; "
                                    "for i in $(seq 600); do grep -q done answers && break; sleep 0.05; done; "

@@ -66,6 +66,7 @@ TEST_F(BadInputTest, IsNamedWithItsReasonAndTheMapperGoesOn) {
        {"\"fov\""},
        [](auto* v) { v->camera_info.distortion_model = "fov", v->camera_info.D = {0.9}; }},
       {"bad_image", {"64x48", "65x48"}, [](auto* v) { v->camera_info.width = 65; }},
+      {"bad_image", {"principal point at (1e+09"}, [](auto* v) { v->camera_info.K[2] = 1e9; }},
       {"bad_pose", {"/pose", "not finite"}, [](auto* v) { v->pose.pose.position.y = double{kNan}; }},
       {"bad_pose",
        {"norm is 2"},
@@ -89,9 +90,12 @@ TEST_F(BadInputTest, IsNamedWithItsReasonAndTheMapperGoesOn) {
   for (const auto& bad : cases) {
     ASSERT_TRUE(mapper().Call("reset"));
     start_s_ += 100;
-    ViewMessages view = View();
-    bad.change(&view);
-    mapper().player.Publish(view);
+    for (const uint32_t before_s : {10, 9}) {  // what fails must leave nothing half made for the next
+      ViewMessages view = session().scene[0];
+      SetStamp(ros::Time(start_s_ - before_s, 0), &view);
+      bad.change(&view);
+      mapper().player.Publish(view);
+    }
     std::vector<std::string> parts = bad.parts;
     parts.push_back("dropped: " + bad.reason);
     EXPECT_TRUE(mapper().WaitForDiagnostic(parts, kTimeoutS)) << bad.reason << ": " << bad.parts[0];

@@ -233,10 +233,12 @@ TEST(IncidentLog, TellsNewReasonsAtOnceRepeatsSeldomAndCountsTheImagesThatEnded)
   EXPECT_EQ(log.images(), 2u);
 }
 
-TEST(Printable, HasNoNewLinesAndNoEscapeCodes) {
+TEST(Printable, IsUtf8WithoutNewLinesAndEscapeCodes) {
   EXPECT_EQ(Printable("keyframe 3 of \"m\u00fc\""), "keyframe 3 of \"m\u00fc\"");
   EXPECT_EQ(Printable("x\n[FATAL]: forged\x1b[2J"), "x\\x0a[FATAL]: forged\\x1b[2J");
-  EXPECT_EQ(Printable("\u009b2J"), "\xc2\\x9b2J");
+  EXPECT_EQ(Printable("\u009b2J"), "\\xc2\\x9b2J");
+  EXPECT_EQ(Printable("\x9b\xff\xc3(\xed\xa0\x80\xe2\x82"), "\\x9b\\xff\\xc3(\\xed\\xa0\\x80\\xe2\\x82");
+  EXPECT_EQ(Printable("\u20ac\U0001f600"), "\u20ac\U0001f600");
 }
 
 TEST(MapDiagnostics, TellWhatComesFromEachMapperAndWhatIsMissing) {

@@ -219,7 +219,7 @@ TEST_F(SessionBagTest, AnIndexThatLiesIsRefused) {
   EXPECT_THAT(refusal("chunk_pos=", 10, {13}), is("where none begins"));
   EXPECT_THAT(refusal("chunk_pos=", 10, {0, 0, 0, 0, 0, 0, 0, 128}), is("where none begins"));
   EXPECT_THAT(refusal("index_pos=", 10, {14, 0, 0, 0, 0, 0, 0, 0}), is("where no record begins"));
-  EXPECT_THAT(refusal("size=", 5, {255, 255, 255, 255}), is("must be at most 1000000000"));
+  EXPECT_THAT(refusal("size=", 5, {255, 255, 255, 255}), is("would take 12.8849 GB of memory: must be at most 1"));
   EXPECT_THAT(refusal("count=", 6, {255, 255, 255, 255}), is("for 4294967295 entries"));
 }
 

@@ -82,8 +82,8 @@ struct PinholeFace {
 constexpr double kWideFieldOfView = 120;
 
 /// The pinhole cameras that see together what a wide lens sees, at the resolution of its middle: the faces of a cube, a
-/// little wider than 90 degrees each, cut to what the lens shows of them. Those of which it shows hardly anything are
-/// left out; the one that looks ahead comes first. Up to kWideFieldOfView, the lens' own camera alone.
+/// little wider than 90 degrees each, cut to what the lens shows of them; the one ahead comes first. Those of which it
+/// shows hardly anything are left out; if all, InvalidInputError. Up to kWideFieldOfView, its own camera alone.
 std::vector<PinholeFace> FacesOf(const Lens& lens);
 
 }  // namespace acmp

@@ -13,8 +13,8 @@ namespace acmp {
 /// becomes an InvalidInputError that names the file and says whether it is missing, cut off, damaged or no bag;
 /// InvalidInputErrors of read go through as they are.
 /// @param when_cut_off what to do about a file that was cut off; ends a sentence
-/// @param max_chunk_bytes of a chunk, unpacked
+/// @param max_bytes that reading a chunk may take
 void ReadBag(const std::filesystem::path& path, const char* when_cut_off,
-             const std::function<void(const rosbag::Bag&)>& read, size_t max_chunk_bytes = kMemoryLimitBytes);
+             const std::function<void(const rosbag::Bag&)>& read, size_t max_bytes = kMemoryLimitBytes);
 
 }  // namespace acmp

@@ -9,8 +9,8 @@
 
 namespace acmp {
 
-/// The text with control characters as \xNN: newlines and escape codes that come from the network could forge lines of
-/// a log, and command the terminal that shows it.
+/// The text with control characters, and bytes that are no UTF-8, as \xNN: newlines and escape codes that come from the
+/// network could forge lines of a log, and command the terminal that shows it.
 std::string Printable(const std::string& text);
 
 /// Seconds of a clock that never goes back, whatever ROS time does.

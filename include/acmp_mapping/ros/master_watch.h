@@ -29,7 +29,7 @@ class MasterWatch {
   /// was started while this one was left over. Told once.
   bool IsReplaced();
   void ReadRegistrations();
-  bool Register() const;
+  bool Register();
 
   CallbackThread thread_;  ///< first: the timer goes before it does
   std::function<void(const std::string&)> report_;
