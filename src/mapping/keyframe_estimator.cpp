@@ -76,6 +76,7 @@ Image<unsigned char> FindMovedPixels(const EngineView& reference, const std::vec
                                      const DepthMap& matched, const DepthMap& instant) {
   const int width = matched.width(), height = matched.height();
   std::vector<InstantPair> pairs;
+  pairs.reserve(views.size());
   for (const InstantView& view : views) pairs.emplace_back(reference, view);
   Image<unsigned char> differs(width, height, 0);
   tbb::parallel_for(0, height, [&](int row) {
@@ -85,7 +86,7 @@ Image<unsigned char> FindMovedPixels(const EngineView& reference, const std::vec
       const Eigen::Vector2d pixel(col, row);
       differs(col, row) = std::any_of(pairs.begin(), pairs.end(), [&](const InstantPair& pair) {
         const std::optional<double> of_own = pair.Error(pixel, own), of_all = pair.Error(pixel, all);
-        return of_own && of_all && *of_own<kConfirmed_px&& * of_all> kContradicted_px;
+        return of_own && of_all && (*of_own < kConfirmed_px) && (*of_all > kContradicted_px);
       });
     }
   });
