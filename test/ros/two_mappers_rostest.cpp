@@ -1,6 +1,8 @@
 // Two mappers with a camera each send their points to one map: it must be the union of the two maps that the mappers
 // would have alone.
 
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <set>
 
@@ -10,6 +12,7 @@
 #include <sensor_msgs/PointCloud2.h>
 #include <std_srvs/Trigger.h>
 
+#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "acmp_mapping/ros/output_conversion.h"
