@@ -163,7 +163,7 @@ TEST(ConventionCheck, NamesAnInvertedExtrinsic) {
   configured.body_from_cam = body_from_cam.inverse();
   const auto warnings = Warnings(sent, configured);
   ASSERT_EQ(warnings.size(), 1u);
-  EXPECT_THAT(warnings[0], HasSubstr("T_body_cam inverted"));
+  EXPECT_THAT(warnings[0], HasSubstr("the inverse of T_body_cam"));
 }
 
 TEST(ConventionCheck, NamesTheFrameOfThePoints) {

@@ -43,6 +43,17 @@ TEST(PoseResolver, PosesOfTheCameraNeedNothing) {
   EXPECT_FALSE(resolver.TakeNotice());
 }
 
+TEST(PoseResolver, LooksForWhatChecksMayTry) {
+  FakeTf tf{Shifted(2), {}, {}};
+  PoseResolver resolver(PoseSemantics(), false, tf.lookup());
+  resolver.Update("cam", "cam");
+  EXPECT_FALSE(resolver.semantics().body_from_cam) << "there is no other frame";
+  resolver.Update("imu", "cam");
+  EXPECT_EQ(resolver.semantics().body_from_cam->translation().x(), 2);
+  EXPECT_EQ(CameraX(resolver), 0) << "poses are read as declared";
+  EXPECT_FALSE(resolver.TakeNotice());
+}
+
 TEST(PoseResolver, TheParameterCountsMost) {
   FakeTf tf{Shifted(2), {}, {}};
   PoseResolver resolver(Body(Shifted(1)), false, tf.lookup());
