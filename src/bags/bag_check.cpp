@@ -435,9 +435,12 @@ void ReportPoses(const BagTopics& topics, const NodeOptions& options, const Inta
   if (verdict.share && verdict.text.empty()) {
     findings->Add(fits ? Severity::kOk : Severity::kWarning, "poses read as ", Describe(options.pose), " put ",
                   std::lround(100 * *verdict.share), " % of the matches between images where they should lie",
-                  fits ? ""
-                       : ", and no other reading fits: stamps, calibration or T_body_cam are wrong, or the "
-                         "frontend has lost track");
+                  fits ? std::string()
+                       : Concat(", and no other reading that was tried fits: stamps or calibration are wrong, ",
+                                options.pose.child == PoseSemantics::Child::kBody
+                                    ? "T_body_cam is"
+                                    : "these are poses of a body (~pose_child: body)",
+                                ", or the frontend has lost track"));
   }
   const std::string& camera = run.images.frame;
   const bool body = options.pose.child == PoseSemantics::Child::kBody;

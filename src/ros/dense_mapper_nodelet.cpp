@@ -22,9 +22,7 @@ constexpr double kMissingPeriodS = 10;    ///< between two words in the log abou
 constexpr double kOnTheWayS = 0.2;        ///< a flush waits for images until none has come for so long ...
 constexpr double kLongOnTheWayS = 2;      ///< ... or for so long, while a camera goes on
 
-/// Of a notice of ConventionCheck.
-constexpr char kConvention[] = "convention";
-const std::string kPosesDoNotFit = "poses do not fit the images";
+constexpr char kPosesDoNotFit[] = "poses do not fit the images";
 
 /// Where the scene is assumed while nothing tells: the middle of the fallback range, as the mapper has it.
 double FallbackDepth(const DenseMapperOptions& options) {
@@ -83,6 +81,9 @@ void DenseMapperNodelet::Start() {
     const std::string missing = DescribeMissing(TakeSnapshotWithAdvice());
     if (!missing.empty()) NODELET_WARN("missing_input: %s", Printable(missing).c_str());
     if (flushing_) NODELET_INFO("flush: %s", Printable(AccountForImages(TakeSnapshot())).c_str());
+    if (matched_ < next_reading_) return;
+    next_reading_ = 2 * matched_;  // it takes some tenths of a second
+    FindReading();
   });
   std::string topics;
   for (const auto& source : sources_) topics += source->status().topic + " ";
@@ -115,32 +116,35 @@ void DenseMapperNodelet::StartWorker() {
 }
 
 RejectedInput DenseMapperNodelet::WithDoubt(RejectedInput drop) {
-  const bool of_points = drop.reason == kConvention, stands = drop.reason == "no_source_views";  // most of the time
-  if (!of_points && !stands && drop.reason != "no_depth_range" && drop.reason != "no_points" &&
-      drop.reason != "poses_contradict") {
+  const bool stands = drop.reason == "no_source_views";  // most of the time
+  if (!stands && drop.reason != "no_depth_range" && drop.reason != "no_points" && drop.reason != "poses_contradict") {
     return drop;
   }
-  std::unique_lock<std::mutex> lock(intake_mutex_);
-  const PoseSemantics semantics = intake_->pose_semantics();
-  const std::string doubt = intake_->DescribeDoubt();
-  lock.unlock();
-  const std::string found = publisher_->JudgeReadings(semantics).text;
-  if (of_points) {  // images tell more than points in view
-    if (!found.empty()) drop.message = kPosesDoNotFit + found;
-  } else {
-    drop.message += found.empty() && !stands ? doubt : found;
-  }
+  if (FindReading() || stands) return drop;
+  std::lock_guard<std::mutex> lock(intake_mutex_);
+  drop.message += intake_->DescribeDoubt();
   return drop;
+}
+
+bool DenseMapperNodelet::FindReading() {
+  PoseSemantics semantics;
+  {
+    std::lock_guard<std::mutex> lock(intake_mutex_);
+    semantics = intake_->pose_semantics();
+  }
+  const std::string found = publisher_->JudgeReadings(semantics).text;
+  if (!found.empty()) Report(RejectedInput{"pose_reading", Concat(kPosesDoNotFit, found)});
+  return !found.empty();
 }
 
 void DenseMapperNodelet::MakeIntake(const RuntimeOptions& runtime_options) {
   TransformSource transforms;
   const bool places_sources = options_.matcher.source_cameras > 0 && options_.cam_from_sources.empty();
   const bool needs_tf = options_.pose_source == PoseSource::kTf || NeedsExtrinsic(options_) || places_sources;
-  tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()), [this, needs_tf](const std::string& text) {
-    if (needs_tf) Report(RejectedInput{"bad_tf", text});
+  // Else only for checks that try another reading of the poses.
+  tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()), !needs_tf, [this](const std::string& text) {
+    Report(RejectedInput{"bad_tf", text});
   });
-  if (needs_tf) tf_->Listen();  // else once somebody asks, as checks do
   transforms.find_pose = [this](const std::string& world, const std::string& child, int64_t stamp_ns) {
     return tf_->FindPose(world, child, stamp_ns);
   };
@@ -287,6 +291,7 @@ std::string DenseMapperNodelet::Flush() {
   const std::string failure = worker_->Flush();
   flushing_ = false;
   Expect(failure);
+  FindReading();
   const MapperSnapshot after = TakeSnapshot();
   const uint64_t arrived = ImagesReceived(after.inputs) - ImagesReceived(before.inputs);
   std::string text = Concat("finished all that had come; waited for ", arrived, " image(s) on their way and ",
@@ -336,9 +341,9 @@ void DenseMapperNodelet::Deliver(bool all) {
 void DenseMapperNodelet::Dispatch(IntakeEvent event, bool wait_for_room) {
   if (auto* drop = std::get_if<RejectedInput>(&event)) return Report(*drop);
   if (auto* notice = std::get_if<Notice>(&event)) {
-    if (notice->warning) {
-      NODELET_WARN("%s", WithDoubt({kConvention, notice->text}).message.c_str());
-    } else {
+    if (notice->warning && publisher_->verdict().text.empty()) {  // images tell more than points in view
+      NODELET_WARN("%s", notice->text.c_str());
+    } else if (!notice->warning) {
       NODELET_INFO("%s", notice->text.c_str());
     }
     return;
@@ -398,7 +403,7 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   snapshot.last_gap = intake_->last_gap();
   snapshot.points_in_front = intake_->share_in_front();
   snapshot.convention_warning = intake_->convention_warning();
-  if (!found.empty()) snapshot.convention_warning = kPosesDoNotFit + found;
+  if (!found.empty()) snapshot.convention_warning = Concat(kPosesDoNotFit, found);
   return snapshot;
 }
 

@@ -24,9 +24,14 @@ constexpr size_t kMostGap = 3;     ///< images, of a pair
 constexpr int kOrbPatchSize = 31;  ///< px: ORB throws for images that hold none
 constexpr int kSmallSize = 640;    ///< px, of the longer side
 constexpr size_t kFewestMatches = 40, kFewestMatchesOfAll = 400;
-constexpr double kNearLine = 3;           ///< px: errors of good poses and matches
-constexpr double kClearlyMoreNear = 1.5;  ///< times as many
+constexpr size_t kFewestPairs = 12;          ///< of 6 images: of fewer, poses turn too little to tell readings apart
+constexpr double kCertainShare = 0.8;        ///< of a listed reading; below, any rotation is tried as well ...
+constexpr double kMoreOfAnyRotation = 1.15;  ///< ... which has parameters to fit, so it must have more by so much
+constexpr double kClearlyMoreNear = 1.5;     ///< times as many
 constexpr double kDegree = M_PI / 180;
+
+/// Errors of good poses and matches, px.
+double NearLine(double focal_length) { return std::clamp(0.006 * focal_length, 1.5, 3.0); }
 
 Eigen::Matrix3d CrossProduct(const Eigen::Vector3d& v) {
   Eigen::Matrix3d matrix;
@@ -53,8 +58,8 @@ bool AreBeforeBoth(const RigidTransform& other_from_one, const Eigen::Vector3d& 
   return other_ray.cross(shift).dot(normal) > 0 && turned.cross(shift).dot(normal) > 0;
 }
 
-/// Calls function(distance) with each match's distance from its epipolar line (Sampson's approximation), px; infinite
-/// for one that would be behind a camera.
+/// Calls function(distance) with each match's distance from its epipolar line (Sampson's approximation), in NearLines;
+/// infinite for one that would be behind a camera.
 template <class Function>
 void ForEachDistance(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs,
                      const PoseReading& reading, const Function& function) {
@@ -63,12 +68,12 @@ void ForEachDistance(const PoseSemantics& configured, const std::vector<MatchedI
     const auto [one, other] = ChildPoses(configured, pair, reading.semantics.direction);
     const RigidTransform other_from_one = (other * child_from_cam).inverse() * (one * child_from_cam);
     const Eigen::Matrix3d essential = CrossProduct(other_from_one.translation()) * other_from_one.linear();
+    const double unit = NearLine(pair.focal_length) / pair.focal_length;
     for (size_t i = 0; i < pair.rays.size(); ++i) {
       const Eigen::Vector3d line = essential * pair.rays[i], back = essential.transpose() * pair.other_rays[i];
       const double norm = std::sqrt(line.head<2>().squaredNorm() + back.head<2>().squaredNorm());
-      const bool before =
-          AreBeforeBoth(other_from_one, pair.rays[i], pair.other_rays[i], kNearLine / pair.focal_length);
-      function(norm > 0 && before ? pair.focal_length * std::abs(pair.other_rays[i].dot(line)) / norm : HUGE_VAL);
+      const bool before = AreBeforeBoth(other_from_one, pair.rays[i], pair.other_rays[i], unit);
+      function(norm > 0 && before ? std::abs(pair.other_rays[i].dot(line)) / (norm * unit) : HUGE_VAL);
     }
   }
 }
@@ -77,7 +82,7 @@ bool HasMore(const PoseReading& a, const PoseReading& b) { return a.share > b.sh
 
 void FindShare(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, PoseReading* reading) {
   size_t near = 0, all = 0;
-  ForEachDistance(configured, pairs, *reading, [&](double distance) { ++all, near += distance < kNearLine; });
+  ForEachDistance(configured, pairs, *reading, [&](double distance) { ++all, near += distance < 1; });
   reading->share = static_cast<double>(near) / static_cast<double>(std::max<size_t>(1, all));
 }
 
@@ -156,42 +161,42 @@ std::optional<Eigen::Matrix3d> RotationFromTwo(const SeenTurn& a, const SeenTurn
   return Eigen::Matrix3d(frame(a.of_child, b.of_child) * frame(a.of_camera, b.of_camera).transpose());
 }
 
-/// Mean squared distance from the lines, each at most limit_px.
+/// Sum of the squared distances from the lines, each at most `limit`.
 double LossOf(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, const PoseReading& reading,
-              double limit_px) {
+              double limit) {
   double sum = 0;
-  ForEachDistance(configured, pairs, reading,
-                  [&](double distance) { sum += std::pow(std::min(distance, limit_px), 2); });
+  ForEachDistance(configured, pairs, reading, [&](double distance) { sum += std::pow(std::min(distance, limit), 2); });
   return sum;
 }
 
 /// The rotation between child and camera that fits the matches best, the camera being at `place` in the child's frame.
 PoseReading FitRotation(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, Direction direction,
                         const Eigen::Vector3d& place) {
-  constexpr double kCoarsePx = 20, kFinePx = 5;
+  constexpr double kCoarse = 7, kFine = 1.7, kDegreesOfOne = 1.5;
+  constexpr size_t kMostTurns = 32;
   PoseReading best = {"", {direction, Child::kBody, RigidTransform(Eigen::Translation3d(place))}, 0, false};
   double loss = HUGE_VAL;
-  const auto try_rotation = [&](const Eigen::Matrix3d& child_from_cam, double limit_px) {
+  const auto try_rotation = [&](const Eigen::Matrix3d& child_from_cam, double limit) {
     PoseReading reading = best;
     reading.semantics.body_from_cam->linear() = child_from_cam;
-    const double found = LossOf(configured, pairs, reading, limit_px);
+    const double found = LossOf(configured, pairs, reading, limit);
     if (found < loss) loss = found, best = reading;
   };
   const std::vector<SeenTurn> turns = TurnsOf(configured, pairs, direction);
-  for (size_t i = 0; i < turns.size(); ++i) {
-    for (size_t j = 0; j < i; ++j) {
-      if (const auto rotation = RotationFromTwo(turns[i], turns[j])) try_rotation(*rotation, kCoarsePx);
+  const size_t step_of_turns = 1 + turns.size() / kMostTurns;
+  for (size_t i = 0; i < turns.size(); i += step_of_turns) {
+    for (size_t j = 0; j < i; j += step_of_turns) {
+      if (const auto rotation = RotationFromTwo(turns[i], turns[j])) try_rotation(*rotation, kCoarse);
     }
   }
   if (loss == HUGE_VAL) return best;
   std::minstd_rand random(1);
   const auto number = [&random] { return static_cast<double>(random() % 2001) / 1000 - 1; };
-  for (const double limit_px : {kCoarsePx, kFinePx}) {
-    loss = LossOf(configured, pairs, best, limit_px);
-    for (double step = limit_px / 2 * kDegree; step > 0.1 * kDegree; step *= 0.95) {
+  for (const double limit : {kCoarse, kFine}) {
+    loss = LossOf(configured, pairs, best, limit);
+    for (double step = kDegreesOfOne * limit * kDegree; step > 0.1 * kDegree; step *= 0.95) {
       const Eigen::Vector3d turn = step * Eigen::Vector3d(number(), number(), number());
-      try_rotation(best.semantics.body_from_cam->linear() * Eigen::AngleAxisd(turn.norm(), turn.normalized()),
-                   limit_px);
+      try_rotation(best.semantics.body_from_cam->linear() * Eigen::AngleAxisd(turn.norm(), turn.normalized()), limit);
     }
   }
   FindShare(configured, pairs, &best);
@@ -250,7 +255,7 @@ bool ReadingVerdict::FitsToo(PoseSemantics::Child child) const {
 ReadingVerdict JudgeReadings(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs) {
   size_t matches = 0;
   for (const MatchedImages& pair : pairs) matches += pair.rays.size();
-  if (matches < kFewestMatchesOfAll) return {};
+  if (pairs.size() < kFewestPairs || matches < kFewestMatchesOfAll) return {};
   std::vector<PoseReading> readings = ReadingsOf(configured);
   for (PoseReading& reading : readings) FindShare(configured, pairs, &reading);
   ReadingVerdict verdict;
@@ -264,9 +269,10 @@ ReadingVerdict JudgeReadings(const PoseSemantics& configured, const std::vector<
     if (!fits(reading) || reading.share * kClearlyMoreNear < verdict.tried.front().share) break;
     verdict.fitting.push_back(reading);
   }
-  if (verdict.NothingFits()) {
+  if (verdict.tried.front().share < kCertainShare) {
     const auto found = FitRotations(configured, pairs);
-    if (found && fits(*found)) verdict.fitting.push_back(*found);
+    const bool better = found && found->share > kMoreOfAnyRotation * verdict.tried.front().share;
+    if (better && fits(*found)) verdict.fitting = {*found};
   }
   verdict.text = DescribeVerdict(configured, verdict);
   return verdict;

@@ -24,22 +24,17 @@ RigidTransform ToRigidTransform(const geometry_msgs::TransformStamped& message) 
 
 }  // namespace
 
-TfLookup::TfLookup(const ros::NodeHandle& nh, std::function<void(const std::string&)> report)
-    : nh_(nh), report_(std::move(report)), buffer_(ros::Duration(kCacheS)) {
-  // Lookups do not wait, so it does not matter that nobody else fills the buffer meanwhile.
-  buffer_.setUsingDedicatedThread(true);
-}
-
-void TfLookup::Listen() {
-  const auto subscribe = [this](const char* topic, bool is_static) {
+TfLookup::TfLookup(ros::NodeHandle nh, bool only_static, std::function<void(const std::string&)> report)
+    : report_(std::move(report)), buffer_(ros::Duration(kCacheS)) {
+  const auto subscribe = [&](const char* topic, bool is_static) {
     const boost::function<void(const tf2_msgs::TFMessageConstPtr&)> receive =
         [this, is_static](const tf2_msgs::TFMessageConstPtr& message) { Receive(*message, is_static); };
-    return SubscribeChecked<tf2_msgs::TFMessage>(nh_, topic, kTfQueue, receive);
+    return SubscribeChecked<tf2_msgs::TFMessage>(nh, topic, kTfQueue, receive);
   };
-  std::call_once(listens_, [&] {
-    transforms_ = subscribe(names::kTf, false);
-    static_transforms_ = subscribe(names::kTfStatic, true);
-  });
+  if (!only_static) transforms_ = subscribe(names::kTf, false);
+  static_transforms_ = subscribe(names::kTfStatic, true);
+  // Lookups do not wait, so it does not matter that nobody else fills the buffer meanwhile.
+  buffer_.setUsingDedicatedThread(true);
 }
 
 void TfLookup::Receive(const tf2_msgs::TFMessage& message, bool is_static) {
@@ -60,7 +55,6 @@ void TfLookup::Receive(const tf2_msgs::TFMessage& message, bool is_static) {
 
 std::variant<PoseSample, std::string> TfLookup::FindPose(const std::string& world, const std::string& child,
                                                          int64_t stamp_ns) {
-  Listen();
   try {
     ros::Time stamp;
     stamp.fromNSec(static_cast<uint64_t>(stamp_ns));
@@ -71,7 +65,6 @@ std::variant<PoseSample, std::string> TfLookup::FindPose(const std::string& worl
 }
 
 std::optional<RigidTransform> TfLookup::FindLatest(const std::string& target, const std::string& source) {
-  Listen();
   try {
     return ToRigidTransform(buffer_.lookupTransform(target, source, ros::Time(0)));
   } catch (const std::exception&) {

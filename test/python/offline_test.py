@@ -152,7 +152,7 @@ class OfflineTest(unittest.TestCase):
         self.assertTrue((result.images[0].depth[5:15, 10:30] == 0).all())
         self.assertGreater((result.images[0].depth > 0).mean(), 0.5)
         self.assertIsNone(result.images[3].depth)
-        self.assertIn("0 useful source views", result.images[3].no_map)
+        self.assertIn("0 useful source views for depths of", result.images[3].no_map)
         (self.folder / "masks").mkdir()
         mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
         mask[:20] = 0

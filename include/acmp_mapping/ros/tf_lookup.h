@@ -1,12 +1,10 @@
 #pragma once
 
 #include <functional>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <variant>
 
-#include <ros/node_handle.h>
 #include <ros/subscriber.h>
 #include <tf2_msgs/TFMessage.h>
 #include <tf2_ros/buffer.h>
@@ -18,12 +16,10 @@ namespace acmp {
 /// Transforms of /tf and /tf_static. Never waits. Thread-safe.
 class TfLookup {
  public:
-  /// Will listen in the node handle's callback queue.
+  /// Listens in the node handle's callback queue.
+  /// @param only_static of /tf_static alone, which costs nothing
   /// @param report told of transforms that cannot be used
-  TfLookup(const ros::NodeHandle& nh, std::function<void(const std::string&)> report);
-
-  /// Begins to listen; the first lookup does so as well, and finds nothing yet.
-  void Listen();
+  TfLookup(ros::NodeHandle nh, bool only_static, std::function<void(const std::string&)> report);
 
   /// Pose of `child` in `world` at a stamp, between the two transforms around it; or why there is none (yet).
   std::variant<PoseSample, std::string> FindPose(const std::string& world, const std::string& child, int64_t stamp_ns);
@@ -38,9 +34,7 @@ class TfLookup {
   /// tf2's own listener throws in the middle of a message.
   void Receive(const tf2_msgs::TFMessage& message, bool is_static);
 
-  ros::NodeHandle nh_;
   const std::function<void(const std::string&)> report_;
-  std::once_flag listens_;
   tf2_ros::Buffer buffer_;
   ros::Time last_received_;
   ros::Subscriber transforms_, static_transforms_;
