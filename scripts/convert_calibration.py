@@ -8,10 +8,11 @@
 The kind of file is told by its keys: VINS (model_type), ORB-SLAM2 and 3 and stella_vslam (Camera.fx, Camera1.fx, Camera),
 OV2SLAM (Camera.fxl), Kalibr (cam0), SVO (cam_model), OKVIS, SVO and maplab (cameras, sensors), EuRoC or Kimera-VIO
 (intrinsics), and OpenCV, ROVIO or camera_calibration (camera_matrix; as XML, too). Lens models become plumb_bob,
-rational_polynomial, equidistant or mei (of VINS' MEI and Kalibr's omni-radtan: D is xi k1 k2 p1 p2); others (double
-sphere, EUCM, FOV) are refused: rectify those images. Exit code 2: what the file lacks.
+rational_polynomial, equidistant, mei (of VINS' MEI and Kalibr's omni-radtan: D is xi k1 k2 p1 p2) or equirectangular;
+others (double sphere, EUCM, FOV) are refused: rectify those images. Exit code 2: what the file lacks.
 """
 import argparse
+import math
 import re
 import sys
 import xml.etree.ElementTree
@@ -19,6 +20,7 @@ import xml.etree.ElementTree
 import yaml
 
 PLUMB_BOB, RATIONAL, EQUIDISTANT, MEI = "plumb_bob", "rational_polynomial", "equidistant", "mei"
+EQUIRECTANGULAR = "equirectangular"
 # By name, in small letters and digits alone.
 MODELS = {"radtan": PLUMB_BOB, "radialtangential": PLUMB_BOB, "plumbbob": PLUMB_BOB, "brownconrady": PLUMB_BOB,
           "radialtangential8": RATIONAL, "rationalpolynomial": RATIONAL, "equidistant": EQUIDISTANT, "equi": EQUIDISTANT,
@@ -68,6 +70,8 @@ def read_xml(text):
 def read_content(text):
     """YAML, also as OpenCV reads it: text before "%YAML:1.0" (which is no directive of YAML), tabs, and no space after a
     colon."""
+    if re.search(r"^\[image\]\s*$", text, re.MULTILINE):
+        raise Refused("is an INI of camera_calibration: calibration_file takes it as it is")
     if re.match(r"\s*<", text):
         content = read_xml(text)
     else:
@@ -154,14 +158,14 @@ def from_lens_model(name, size, intrinsics, model, coefficients, where):
 def from_vins(content, index):
     only_camera(index)
     kind = str(content["model_type"]).upper()
+    if kind not in ("PINHOLE", "PINHOLE_FULL", "KANNALA_BRANDT", "MEI"):
+        raise Refused("model_type %r: must be PINHOLE, PINHOLE_FULL, KANNALA_BRANDT or MEI; rectify the images of others" % kind)
     size = [number(content, "image_width"), number(content, "image_height")]
     name = str(content.get("camera_name", "camera"))
     parameters, where = value_of(content, "projection_parameters"), "projection_parameters: "
     if kind == "KANNALA_BRANDT":
         intrinsics = [number(parameters, key, where) for key in ("mu", "mv", "u0", "v0")]
         return camera(name, size, intrinsics, EQUIDISTANT, [number(parameters, k, where) for k in ("k2", "k3", "k4", "k5")])
-    if kind not in ("PINHOLE", "PINHOLE_FULL", "MEI"):
-        raise Refused("model_type %r: must be PINHOLE, PINHOLE_FULL, KANNALA_BRANDT or MEI; rectify the images of others" % kind)
     keys = ["k1", "k2", "p1", "p2"] + (["k3", "k4", "k5", "k6"] if kind == "PINHOLE_FULL" else [])
     distortion = value_of(content, "distortion_parameters")
     coefficients = [number(distortion, key, "distortion_parameters: ") for key in keys]
@@ -181,11 +185,15 @@ def from_orb_slam(content, index):
     key = "Camera.type" if "Camera.type" in content else "Camera.model"
     kind = str(content.get(key, "PinHole"))
     rectified, fisheye = kind.lower() == "rectified", kind.lower() in ("fisheye", "kannalabrandt8")
-    if not (rectified or fisheye or is_pinhole(kind)):
-        raise Refused("%s %r: must be PinHole, perspective, Rectified, fisheye or KannalaBrandt8; rectify the images of "
-                      "others" % (key, kind))
+    sphere = kind.lower() == "equirectangular"
+    if not (rectified or fisheye or sphere or is_pinhole(kind)):
+        raise Refused("%s %r: must be PinHole, perspective, Rectified, fisheye, KannalaBrandt8 or equirectangular; rectify "
+                      "the images of others" % (key, kind))
     size = [number(content, "Camera." + side, default=number(content, "Camera." + other, default=0.0))
             for side, other in (("width", "cols"), ("height", "rows"))]
+    if sphere:  # the size alone tells the camera: pixels per radian
+        focal_length = size[0] / (2 * math.pi)
+        return camera("camera", size, [focal_length, focal_length, size[0] / 2, size[1] / 2], EQUIRECTANGULAR, [])
     intrinsics = [number(content, prefix + name) for name in ("fx", "fy", "cx", "cy")]
     if rectified:
         return camera("camera", size, intrinsics, PLUMB_BOB, [0.0] * 5)

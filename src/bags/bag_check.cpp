@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
 #include <map>
+#include <memory>
 #include <optional>
 #include <set>
 
@@ -13,10 +15,12 @@
 #include <tf2/exceptions.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/ros/bag_reader.h"
 #include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
+#include "acmp_mapping/ros/reading_check.h"
 #include "bag_topics.h"
 
 namespace acmp {
@@ -24,6 +28,8 @@ namespace {
 
 constexpr size_t kFewestKeyframes = 3;  // keyframes: one waits for two source views
 constexpr double kNsPerBagSecond = 1e9;
+constexpr int64_t kBetweenViewsNs = 200000000;      ///< of images that are matched: a camera moves by some cm
+constexpr size_t kViewsInARow = 12, kMostRows = 4;  ///< of them: where poses look alike at the start, others tell
 constexpr std::array<const char*, 4> kPoseSources = {"pose", "pose_cov", "odom", "transform"};  // in the order of types
 
 bool IsMost(size_t part, size_t whole) { return static_cast<double>(part) >= 0.9 * static_cast<double>(whole); }
@@ -39,19 +45,32 @@ struct Stream {
   size_t size() const { return used() + refused; }
 };
 
+/// A keyframe whose image may be matched with others.
+struct PosedView {
+  int64_t stamp_ns;
+  RigidTransform world_from_cam;
+  CalibrationPtr calibration;
+};
+
 /// All that one run through the mapper's intake tells.
 struct IntakeRun {
   Stream images, infos, poses, clouds, masks;
+  std::vector<Stream> source_images;
   std::string encoding;  ///< of the last image
   std::set<std::pair<int, int>> sizes;
   std::optional<CameraCalibration> calibration;  ///< the last one
   bool names_a_model = true;                     ///< the calibration, of distortion
   size_t keyframes = 0, masked = 0, time_jumps = 0;
+  std::map<std::string, size_t> with_source;  ///< keyframes that have an image of this topic
+  std::string source_places;                  ///< where these are
+  std::map<int64_t, ros::Time> received;      ///< images, by stamp
+  std::vector<PosedView> views;
+  PoseSemantics semantics;          ///< with the T_body_cam in use, or known
   size_t posed = 0;                 ///< images that have got a pose, whatever became of them
   double path = 0;                  ///< length, unit of the poses
   std::string child_frame;          ///< of the last pose
   std::optional<DepthRange> range;  ///< of the landmarks of all keyframes
-  std::vector<std::string> warnings;
+  std::vector<std::string> warnings, convention_warnings;
   struct Rejection {
     size_t count = 0;
     std::string first;
@@ -90,6 +109,8 @@ class BagFeed {
       : topics_(topics), options_(options), intake_(options, KeyframeGateOptions(), 0, transforms) {
     intake_.set_clouds_expected(!topics.chosen.sparse_points.empty());
     intake_.set_masks_expected(!topics.chosen.mask.empty());
+    run_.source_images.resize(topics.chosen.source_images.size());
+    for (size_t i = 0; i < run_.source_images.size(); ++i) intake_.set_source_expected(i, true);
     if (!options.calibration_file.empty()) TakeInfo(ReadCalibrationFile(options.calibration_file));
   }
 
@@ -97,6 +118,9 @@ class BagFeed {
     const TopicChoice& chosen = topics_.chosen;
     std::vector<std::string> topics = {chosen.image, chosen.pose, chosen.sparse_points, chosen.mask};
     if (options_.calibration_file.empty()) topics.push_back(chosen.camera_info);
+    for (const auto* more : {&chosen.source_images, &chosen.source_camera_infos}) {
+      topics.insert(topics.end(), more->begin(), more->end());
+    }
     for (const rosbag::MessageInstance& record : rosbag::View(bag, rosbag::TopicQuery(topics))) {
       ReadMessage(record);
       Take(intake_.Take(record.getTime().toSec()));
@@ -105,6 +129,7 @@ class BagFeed {
     const std::string wait = intake_.DescribeWait(std::numeric_limits<double>::infinity());
     if (!wait.empty() && run_.infos.size() > 0) run_.warnings.push_back("images wait: " + wait);
     run_.share_in_front = intake_.share_in_front();
+    run_.semantics = intake_.pose_semantics();
     return std::move(run_);
   }
 
@@ -130,9 +155,25 @@ class BagFeed {
     const std::string& topic = record.getTopic();
     const auto take_pose = [this](const auto& message) { TakePose(ToPoseSample(*message)); };
     const auto take_cloud = [this](const auto& message) { TakeCloud(ToSparseCloud(*message)); };
+    for (size_t i = 0; i < chosen.source_images.size(); ++i) {
+      if (topic == chosen.source_camera_infos[i]) {
+        With<sensor_msgs::CameraInfo>(record, &run_.source_images[i],
+                                      [&](const auto& info) { intake_.AddSourceCameraInfo(i, *info); });
+      }
+      if (topic != chosen.source_images[i]) continue;
+      WithImage(record, &run_.source_images[i], [&](const EncodedImage& image) {
+        DecodeRgb(image);
+        intake_.AddSourceImage(i, WithoutPixels(image, topic, &run_.source_images[i]));
+      });
+    }
     if (topic == chosen.image) {
-      With<sensor_msgs::Image>(record, &run_.images, [&](const auto& raw) { TakeImage({raw, nullptr}); });
-      With<sensor_msgs::CompressedImage>(record, &run_.images, [&](const auto& file) { TakeImage({nullptr, file}); });
+      WithImage(record, &run_.images, [&](const EncodedImage& image) {
+        const cv::Mat rgb = DecodeRgb(image);  // as the mapper does it later
+        run_.encoding = image.raw ? image.raw->encoding : image.compressed->format;
+        run_.sizes.insert({rgb.cols, rgb.rows});
+        run_.received.emplace(ToStampNs(image.header().stamp), record.getTime());
+        intake_.AddImage(WithoutPixels(image, topic, &run_.images));
+      });
     } else if (topic == chosen.mask) {
       With<sensor_msgs::Image>(record, &run_.masks, [&](const auto& mask) { TakeMask(mask); });
     } else if (topic == chosen.camera_info) {
@@ -153,14 +194,19 @@ class BagFeed {
     stream->frame = StripLeadingSlash(frame);
   }
 
-  void TakeImage(const EncodedImage& image) {
-    const cv::Mat rgb = DecodeRgb(image);  // as the mapper does it later
-    run_.encoding = image.raw ? image.raw->encoding : image.compressed->format;
-    run_.sizes.insert({rgb.cols, rgb.rows});
-    Count(ToStampNs(image.header().stamp), image.header().frame_id, &run_.images);
-    const auto without_pixels = boost::make_shared<sensor_msgs::Image>();  // many may wait for their poses
-    without_pixels->header = image.header();
-    intake_.AddImage(std::make_shared<const EncodedImage>(EncodedImage{without_pixels, nullptr}));
+  template <class Use>
+  void WithImage(const rosbag::MessageInstance& record, Stream* stream, const Use& use) {
+    With<sensor_msgs::Image>(record, stream, [&](const auto& raw) { use(EncodedImage{raw, nullptr}); });
+    With<sensor_msgs::CompressedImage>(record, stream, [&](const auto& file) { use(EncodedImage{nullptr, file}); });
+  }
+
+  /// For the intake, in which many may wait for their poses.
+  std::shared_ptr<const EncodedImage> WithoutPixels(const EncodedImage& image, const std::string& topic,
+                                                    Stream* stream) {
+    Count(ToStampNs(image.header().stamp), image.header().frame_id, stream);
+    const auto header = boost::make_shared<sensor_msgs::Image>();
+    header->header = image.header();
+    return std::make_shared<const EncodedImage>(EncodedImage{header, nullptr, topic});
   }
 
   void TakeInfo(const sensor_msgs::CameraInfo& info) {
@@ -195,8 +241,9 @@ class BagFeed {
     for (IntakeEvent& event : events) {
       if (const auto* keyframe = std::get_if<KeyframeInput>(&event)) TakeKeyframe(*keyframe);
       if (const auto* world = std::get_if<NewWorld>(&event)) run_.warnings.push_back(world->text);
-      if (const auto* notice = std::get_if<Notice>(&event); notice && notice->warning) {
-        run_.warnings.push_back(notice->text);
+      if (const auto* notice = std::get_if<Notice>(&event)) {
+        if (notice->warning) run_.convention_warnings.push_back(notice->text);
+        if (notice->text.rfind("source camera", 0) == 0) run_.source_places = notice->text;
       }
       run_.time_jumps += std::holds_alternative<TimeJump>(event);
       if (const auto* rejected = std::get_if<RejectedInput>(&event)) {
@@ -211,6 +258,10 @@ class BagFeed {
     ++run_.keyframes;
     ++run_.posed;
     run_.masked += keyframe.mask != nullptr;
+    for (const SourceImage& source : keyframe.source_images) ++run_.with_source[source.image->topic];
+    if (run_.views.empty() || std::llabs(keyframe.stamp_ns - run_.views.back().stamp_ns) >= kBetweenViewsNs) {
+      run_.views.push_back({keyframe.stamp_ns, keyframe.world_from_cam, keyframe.calibration});
+    }
     const auto range = DepthRangeFromLandmarks(keyframe.landmarks_in_world, keyframe.calibration->camera,
                                                keyframe.world_from_cam.inverse(), {});
     if (!range) return;
@@ -279,22 +330,39 @@ void ReportOthers(const BagTopics& topics, const std::vector<std::string>& types
   findings->Add(Severity::kWarning, "checked ", chosen, "; there is also", others, "; choose with ", option);
 }
 
-/// Arguments that make another camera of the bag a source camera: one whose images are of the same type and number,
-/// with a camera_info of its own. Empty: there is none.
-std::string SecondCamera(const BagTopics& topics) {
+/// Another camera of the bag that may be fixed to the chosen one: its images are of the same type and number, with a
+/// camera_info of its own. Taken as a source camera, so that the intake tells whether it is one. Returns whether there
+/// is one.
+bool AddSecondCamera(BagTopics* topics) {
   const auto messages = [&](const std::string& name) {
     const auto found =
-        std::find_if(topics.all.begin(), topics.all.end(), [&](const auto& t) { return t.name == name; });
-    return found == topics.all.end() ? 0 : found->messages;
+        std::find_if(topics->all.begin(), topics->all.end(), [&](const auto& t) { return t.name == name; });
+    return found == topics->all.end() ? 0 : found->messages;
   };
-  const std::string &image = topics.chosen.image, type = topics.TypeOf(image);
-  for (const BagTopic& topic : topics.all) {
-    const std::string info = CameraInfoBeside(topics.all, topic.name);
-    if (topic.name == image || topic.type != type || topic.messages != messages(image) || topic.messages == 0) continue;
-    if (topic.name == topics.chosen.mask || info.empty() || info == topics.chosen.camera_info) continue;
-    return Concat("stereo:=true source_image:=", WithoutCompressed(topic.name), " source_camera_info:=", info);
+  TopicChoice* chosen = &topics->chosen;
+  const std::string type = topics->TypeOf(chosen->image);
+  for (const BagTopic& topic : topics->all) {
+    const std::string info = CameraInfoBeside(topics->all, topic.name);
+    const bool same = topic.type == type && topic.messages == messages(chosen->image) && topic.messages > 0;
+    if (!same || topic.name == chosen->image || topic.name == chosen->mask) continue;
+    if (info.empty() || info == chosen->camera_info) continue;
+    chosen->source_images = {topic.name};
+    chosen->source_camera_infos = {info};
+    return true;
   }
-  return "";
+  return false;
+}
+
+/// Arguments for the source cameras.
+std::string SourceArguments(const TopicChoice& chosen) {
+  const size_t count = chosen.source_images.size();
+  std::string arguments = count == 1 ? "stereo:=true" : Concat("source_cameras:=", count);
+  for (size_t i = 0; i < count; ++i) {
+    const std::string number = i == 0 ? "" : Concat("_", i + 1);
+    arguments += Concat(" source_image", number, ":=", WithoutCompressed(chosen.source_images[i]),
+                        " source_camera_info", number, ":=", chosen.source_camera_infos[i]);
+  }
+  return arguments;
 }
 
 /// What the messages themselves have wrong, or what they are.
@@ -342,7 +410,10 @@ void ReportCamera(const BagTopics& topics, const std::string& calibration_file, 
   }
 }
 
-void ReportPoses(const BagTopics& topics, const NodeOptions& options, const IntakeRun& run, Findings* findings) {
+/// @param verdict of images, of the reading in `options`
+/// @param has_source whether images have one of a source camera
+void ReportPoses(const BagTopics& topics, const NodeOptions& options, const IntakeRun& run,
+                 const ReadingVerdict& verdict, bool has_source, Findings* findings) {
   if (options.pose_source == PoseSource::kTf) {
     return findings->Add(Severity::kOk, "poses are those of tf, \"", run.images.frame, "\" in \"", options.world_frame,
                          "\": ~pose_source: tf");
@@ -355,19 +426,26 @@ void ReportPoses(const BagTopics& topics, const NodeOptions& options, const Inta
   const std::string name = "poses " + topics.chosen.pose;
   ReportStream(name, run.poses, kFewestKeyframes, Concat(", path length ", run.path, " (units of the poses)"),
                findings);
-  const std::string second_camera = SecondCamera(topics);
-  if (!second_camera.empty()) {
-    findings->Add(Severity::kOk,
-                  "if another camera is fixed to this one, its images can be source views: ", second_camera);
-  }
   if (run.poses.used() > 1 && run.path == 0) {
-    findings->Add(second_camera.empty() ? Severity::kError : Severity::kWarning, name,
+    findings->Add(has_source ? Severity::kWarning : Severity::kError, name,
                   ": all at the same position; without a baseline there is no depth",
-                  second_camera.empty() ? "" : " but by another camera");
+                  has_source ? " but by another camera" : "");
+  }
+  const bool fits = verdict.share && *verdict.share >= ReadingVerdict::kFittingShare;
+  if (verdict.share && verdict.text.empty()) {
+    findings->Add(fits ? Severity::kOk : Severity::kWarning, "poses read as ", Describe(options.pose), " put ",
+                  std::lround(100 * *verdict.share), " % of the matches between images where they should lie",
+                  fits ? std::string()
+                       : Concat(", and no other reading that was tried fits: stamps or calibration are wrong, ",
+                                options.pose.child == PoseSemantics::Child::kBody
+                                    ? "T_body_cam is"
+                                    : "these are poses of a body (~pose_child: body)",
+                                ", or the frontend has lost track"));
   }
   const std::string& camera = run.images.frame;
-  if (run.child_frame.empty() || camera.empty() || run.child_frame == camera) return;
   const bool body = options.pose.child == PoseSemantics::Child::kBody;
+  if (run.child_frame.empty() || camera.empty() || run.child_frame == camera) return;
+  if (!body && verdict.share && !verdict.NothingFits()) return;
   findings->Add(body ? Severity::kWarning : Severity::kOk, "poses are those of \"", run.child_frame,
                 "\" (child_frame_id), images of \"", camera, "\": ",
                 body ? "set ~pose_child: body" : "if these are two frames, set ~pose_child: body and T_body_cam");
@@ -392,15 +470,40 @@ void ReportCompanions(const BagTopics& topics, const IntakeRun& run, Findings* f
                 " images have one with their stamp");
 }
 
+/// @param asked_for else nobody has said that the other camera is fixed to this one
+void ReportSources(const BagTopics& topics, const IntakeRun& run, bool asked_for, Findings* findings) {
+  const TopicChoice& chosen = topics.chosen;
+  for (size_t i = 0; i < chosen.source_images.size(); ++i) {
+    const auto found = run.with_source.find(chosen.source_images[i]);
+    const size_t count = found == run.with_source.end() ? 0 : found->second;
+    const std::string what = Concat(count, " of ", run.keyframes, " images have one of ", chosen.source_images[i]);
+    if (asked_for) {
+      ReportStream("source images " + chosen.source_images[i], run.source_images[i], 1, "", findings);
+      findings->Add(count > 0 ? Severity::kOk : Severity::kError, "source images: ", what, "; ", run.source_places);
+    } else {
+      findings->Add(Severity::kOk,
+                    "if another camera is fixed to this one, its images can be source views: ", SourceArguments(chosen),
+                    count > 0 ? Concat(" (", what, "; ", run.source_places, ")") : "");
+    }
+  }
+}
+
 /// What became of the images, in the intake's own sentences.
-void ReportIntake(const IntakeRun& run, double tolerance_s, Findings* findings) {
+/// @param verdict of images, which tell more than points in view
+/// @param sources_asked_for else what is said of source cameras is left out
+void ReportIntake(const IntakeRun& run, double tolerance_s, const ReadingVerdict& verdict, bool sources_asked_for,
+                  Findings* findings) {
   for (const std::string& text : run.warnings) findings->Add(Severity::kWarning, text);
+  for (const std::string& text : run.convention_warnings) {
+    if (verdict.text.empty()) findings->Add(Severity::kWarning, text);
+  }
   if (run.time_jumps > 0) {
     findings->Add(Severity::kWarning, "time runs backward ", run.time_jumps,
                   " times; the mapper starts over at each (~on_time_jump)");
   }
   if (run.infos.size() == 0 || run.images.used() == 0) return;  // said above
   for (const auto& [reason, rejection] : run.rejections) {
+    if (reason.find("source") != std::string::npos && !sources_asked_for) continue;
     // Many frontends pose some images alone.
     const bool usual = reason == "no_pose" && IsMost(run.posed, run.poses.used());
     findings->Add(usual ? Severity::kOk : Severity::kWarning, reason, ", ", rejection.count,
@@ -411,7 +514,7 @@ void ReportIntake(const IntakeRun& run, double tolerance_s, Findings* findings) 
 }
 
 /// The command that starts the mapper for a bag's topics.
-std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, const IntakeRun& run) {
+std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, const IntakeRun& run, bool with_sources) {
   const TopicChoice& chosen = topics.chosen;
   std::string line = "roslaunch acmp_mapping dense_mapper.launch";
   const auto set = [&line](const std::string& argument, const std::string& value) {
@@ -445,6 +548,7 @@ std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, cons
     set(is_new ? "sparse_points" : "sparse_points_v1", chosen.sparse_points);
   }
   if (!chosen.mask.empty()) set("mask", chosen.mask);
+  if (with_sources) line += " " + SourceArguments(chosen);
   constexpr size_t kVideo = 30;
   if (run.images.used() >= kVideo && IsMost(run.posed, run.images.used())) set("keyframe_mode", "gate");
   if (options.matcher.sync_tolerance_s != InputMatcherOptions().sync_tolerance_s) {
@@ -475,17 +579,9 @@ TransformSource SourceOf(const tf2::BufferCore& transforms) {
   return source;
 }
 
-/// What the frames in the bag say of its poses. Returns whether that changes the options.
-bool DeclareFrames(const IntakeRun& run, const BagCheckOptions& asked, const tf2::BufferCore& transforms,
-                   bool has_pose_topic, NodeOptions* options) {
+/// Poses from tf, where it has the images' frame. Returns whether it has.
+bool UseTf(const IntakeRun& run, const tf2::BufferCore& transforms, NodeOptions* options) {
   const std::string& camera = run.images.frame;
-  if (has_pose_topic) {
-    const std::string& child = run.child_frame;
-    if (asked.child_declared || child.empty() || camera.empty() || child == camera) return false;
-    if (!transforms.canTransform(child, camera, ros::Time())) return false;
-    options->pose.child = PoseSemantics::Child::kBody;
-    return true;
-  }
   const std::string root = RootOf(transforms, camera);
   if (root.empty() || root == camera) return false;
   options->pose_source = PoseSource::kTf;
@@ -493,14 +589,79 @@ bool DeclareFrames(const IntakeRun& run, const BagCheckOptions& asked, const tf2
   return true;
 }
 
+/// Those that are matched: some in a row, from several places of the recording.
+std::vector<PosedView> ChooseViews(const std::vector<PosedView>& views) {
+  if (views.size() <= kViewsInARow * kMostRows) return views;
+  std::vector<PosedView> chosen;
+  for (size_t row = 0; row < kMostRows; ++row) {
+    const auto start = static_cast<int64_t>((views.size() - kViewsInARow) * row / (kMostRows - 1));
+    chosen.insert(chosen.end(), views.begin() + start, views.begin() + start + static_cast<int64_t>(kViewsInARow));
+  }
+  return chosen;
+}
+
+/// What the images say of the poses, asked as the mapper asks.
+ReadingVerdict JudgeImages(const rosbag::Bag& bag, const std::string& topic, const IntakeRun& run) {
+  constexpr int kSize = 640;  // px
+  ReadingCheck check(kViewsInARow * kMostRows);
+  std::unique_ptr<Rectifier> rectifier;
+  CalibrationPtr calibration;
+  for (const PosedView& view : ChooseViews(run.views)) {
+    if (view.calibration != calibration) {
+      calibration = view.calibration;
+      const Lens lens = calibration->MakeLens();
+      rectifier = std::make_unique<Rectifier>(lens, FacesOf(lens).front());
+    }
+    const ros::Time received = run.received.at(view.stamp_ns);
+    for (const rosbag::MessageInstance& record : rosbag::View(bag, rosbag::TopicQuery(topic), received, received)) {
+      try {
+        EncodedImage image;
+        if (record.getDataType() == ImageTypes().front()) {
+          image.raw = InstantiateChecked<sensor_msgs::Image>(record);
+        } else {
+          image.compressed = InstantiateChecked<sensor_msgs::CompressedImage>(record);
+        }
+        if (!(image.raw || image.compressed) || ToStampNs(image.header().stamp) != view.stamp_ns) continue;
+        check.Add(MakeFrame(0, 0, rectifier->Rectify(DecodeRgb(image)), rectifier->face().camera,
+                            view.world_from_cam.inverse(), {}, {kSize}));
+      } catch (const InvalidInputError&) {  // has been told
+      }
+    }
+  }
+  return check.Judge(run.semantics);
+}
+
+/// Reads the poses as images say, or where they do not tell, as frames and tf do. Returns whether that is another
+/// reading, and says why.
+bool DeclareReading(const IntakeRun& run, const ReadingVerdict& verdict, NodeOptions* options, Findings* findings) {
+  if (!verdict.fitting.empty()) {
+    const PoseReading& best = verdict.fitting.front();
+    if (verdict.fitting.size() > 1 || !best.is_declared_by_name) return false;
+    findings->Add(Severity::kWarning, "set ~pose_is: ", Name(best.semantics.direction),
+                  ", ~pose_child: ", Name(best.semantics.child), verdict.text);
+    options->pose.direction = best.semantics.direction;
+    options->pose.child = best.semantics.child;
+    return true;
+  }
+  const bool body_is_known = run.semantics.body_from_cam && run.semantics.child != PoseSemantics::Child::kBody;
+  if (!body_is_known || verdict.NothingFits() || !verdict.FitsToo(PoseSemantics::Child::kBody)) return false;
+  options->pose.child = PoseSemantics::Child::kBody;
+  return true;
+}
+
 BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
-  const BagTopics topics = ChooseTopics(bag, asked.topics);
+  BagTopics topics = ChooseTopics(bag, asked.topics);
+  const bool asked_for_sources = !asked.topics.source_images.empty();
+  if (!asked_for_sources) AddSecondCamera(&topics);
   const TopicChoice& chosen = topics.chosen;
   NodeOptions options;
   options.calibration_file = asked.calibration_file.string();
   options.matcher.sync_tolerance_s = asked.sync_tolerance_s;
   options.matcher.sparse_tolerance_s = asked.sparse_tolerance_s;
+  options.matcher.source_cameras = static_cast<int>(chosen.source_images.size());
   options.pose = asked.semantics;
+  if (asked.points_in_camera)
+    options.sparse_frame = *asked.points_in_camera ? SparseFrame::kCamera : SparseFrame::kWorld;
   tf2::BufferCore buffer(ros::Duration(1e9));  // as long as any bag
   LoadTransforms(bag, !chosen.pose.empty(), &buffer);
   const TransformSource transforms = SourceOf(buffer);
@@ -508,7 +669,7 @@ BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
   // What a run tells may be what the next one needs.
   const auto feed = [&] { return BagFeed(topics, options, transforms).Run(bag); };
   IntakeRun run = feed();
-  if (DeclareFrames(run, asked, buffer, !chosen.pose.empty(), &options)) run = feed();
+  if (chosen.pose.empty() && UseTf(run, buffer, &options)) run = feed();
   const auto needed_s = NeededTolerance(run.images, run.poses);
   if (needed_s && *needed_s > asked.sync_tolerance_s) {
     const size_t before = run.keyframes;
@@ -517,6 +678,14 @@ BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
     findings.Add(Severity::kWarning, "only ", before, " images have a pose within ", asked.sync_tolerance_s,
                  " s; set ~sync_tolerance to ", options.matcher.sync_tolerance_s);
   }
+  ReadingVerdict verdict = JudgeImages(bag, chosen.image, run);
+  if (!asked.semantics_declared && DeclareReading(run, verdict, &options, &findings)) {
+    run = feed();
+    verdict = JudgeImages(bag, chosen.image, run);
+  }
+  if (!verdict.text.empty()) {
+    findings.Add(Severity::kWarning, "poses do not fit the images", verdict.text);
+  }
   const TopicChoice& wanted = asked.topics;
   ReportOthers(topics, ImageTypes(), chosen.image, wanted.image, "--image", &findings);
   ReportOthers(topics, CameraInfoTypes(), chosen.camera_info, wanted.camera_info, "--camera-info", &findings);
@@ -524,11 +693,12 @@ BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
   ReportOthers(topics, CloudTypes(), chosen.sparse_points, wanted.sparse_points, "--sparse-points", &findings);
   ReportImages(topics, run, &findings);
   ReportCamera(topics, options.calibration_file, run, &findings);
-  ReportPoses(topics, options, run, &findings);
+  ReportPoses(topics, options, run, verdict, !chosen.source_images.empty(), &findings);
+  ReportSources(topics, run, asked_for_sources, &findings);
   ReportCompanions(topics, run, &findings);
-  ReportIntake(run, options.matcher.sync_tolerance_s, &findings);
+  ReportIntake(run, options.matcher.sync_tolerance_s, verdict, asked_for_sources, &findings);
   const bool can_start = !chosen.image.empty() && (!chosen.pose.empty() || options.pose_source == PoseSource::kTf);
-  return {topics.all, chosen, findings.Take(), can_start ? LaunchLine(topics, options, run) : ""};
+  return {topics.all, chosen, findings.Take(), can_start ? LaunchLine(topics, options, run, asked_for_sources) : ""};
 }
 
 }  // namespace

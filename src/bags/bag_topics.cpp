@@ -151,6 +151,14 @@ BagTopics ChooseTopics(const rosbag::Bag& bag, const TopicChoice& wanted) {
   const std::string beside = CameraInfoBeside(found.all, chosen.image);
   chosen.camera_info = ChooseTopic(found.all, CameraInfoTypes(),
                                    wanted.camera_info.empty() ? beside : wanted.camera_info, "--camera-info");
+  for (const std::string& topic : wanted.source_images) {
+    chosen.source_images.push_back(ChooseTopic(found.all, ImageTypes(), topic, "--source-image"));
+    const size_t index = chosen.source_camera_infos.size();
+    const bool given = index < wanted.source_camera_infos.size();
+    const std::string info = given ? wanted.source_camera_infos[index] : CameraInfoBeside(found.all, topic);
+    if (info.empty()) throw InvalidInputError(Concat("--source-image ", topic, ": give its --source-camera-info"));
+    chosen.source_camera_infos.push_back(ChooseTopic(found.all, CameraInfoTypes(), info, "--source-camera-info"));
+  }
   chosen.pose = ChooseTopic(found.all, PoseTypes(), wanted.pose, "--pose");
   if (found.TypeOf(chosen.pose) == kTfType) chosen.pose.clear();
   chosen.sparse_points = ChooseTopic(found.all, CloudTypes(), wanted.sparse_points, "--sparse-points");

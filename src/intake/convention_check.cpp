@@ -34,8 +34,8 @@ std::vector<std::pair<std::string, PoseSemantics>> OtherSemantics(const PoseSema
       others.emplace_back(Concat("~pose_is: ", Name(direction), ", ~pose_child: ", Name(child)), other);
     }
   }
-  if (configured.child == Child::kBody) {
-    others.emplace_back("T_body_cam inverted (~extrinsic_inverted)",
+  if (configured.body_from_cam) {
+    others.emplace_back("~pose_child: body, the inverse of T_body_cam",
                         PoseSemantics{configured.direction, Child::kBody, configured.body_from_cam->inverse()});
   }
   return others;

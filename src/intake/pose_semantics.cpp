@@ -83,7 +83,7 @@ std::string Describe(const PoseSemantics& semantics) {
 
 PoseResolver::PoseResolver(const PoseSemantics& semantics, bool extrinsic_inverted, TransformLookup lookup)
     : semantics_(semantics), extrinsic_inverted_(extrinsic_inverted), lookup_(std::move(lookup)) {
-  if (semantics_.child != PoseSemantics::Child::kBody || !semantics_.body_from_cam) return;
+  if (!semantics_.body_from_cam) return;
   Choose(Source::kParameter, "parameter ~T_body_cam" + DescribePosition(*semantics_.body_from_cam));
 }
 
@@ -93,7 +93,7 @@ void PoseResolver::SetExtrinsic(const RigidTransform& received) {
 }
 
 void PoseResolver::Update(const std::string& body_frame, const std::string& camera_frame) {
-  if (semantics_.child != PoseSemantics::Child::kBody || source_ == Source::kParameter) return;
+  if (source_ == Source::kParameter || (body_frame == camera_frame && !needs_extrinsic())) return;
   body_frame_ = body_frame;
   camera_frame_ = camera_frame;
   if (source_ != Source::kTopic && lookup_ && !body_frame.empty() && !camera_frame.empty()) {
@@ -113,7 +113,7 @@ void PoseResolver::Update(const std::string& body_frame, const std::string& came
 
 void PoseResolver::Choose(Source source, const std::string& notice) {
   source_ = source;
-  notice_ = "T_body_cam is taken from " + notice;
+  if (needs_extrinsic()) notice_ = "T_body_cam is taken from " + notice;
 }
 
 std::string PoseResolver::DescribeMissing() const {

@@ -330,7 +330,9 @@ struct DenseMapper::Impl {
       Drop(image,
            {"no_depth_range",
             Concat("keyframe ", image->frame->id, ": ", DescribeLandmarks(image->frame->landmarks_in_world.size()),
-                   ", and no earlier keyframe had a depth range: set depth_min and depth_max")});
+                   ", and no earlier keyframe had a depth range: ",
+                   image->frame->landmarks_in_world.empty() ? "" : "if poses and points are read as they are meant, ",
+                   "set depth_min and depth_max")});
     }
   }
 

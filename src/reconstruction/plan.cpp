@@ -159,7 +159,8 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
   const auto needed = static_cast<size_t>(MinSourceViews(options));
   for (ImagePlan& image : plan.images) {
     if (image.sources.size() >= needed || !image.no_map.empty()) continue;
-    image.no_map = Concat(image.sources.size(), " useful source views: must be at least ", needed);
+    image.no_map = Concat(image.sources.size(), " useful source views for depths of ", image.range.min, " to ",
+                          image.range.max, " (unit of the poses): must be at least ", needed);
     const size_t left_out = CountLeftOut(scene.images[image.index], taking_part);
     if (left_out > 0) image.no_map += Concat("; ", left_out, " of the scene's for it are not among --images");
   }

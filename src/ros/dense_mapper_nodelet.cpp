@@ -22,6 +22,8 @@ constexpr double kMissingPeriodS = 10;    ///< between two words in the log abou
 constexpr double kOnTheWayS = 0.2;        ///< a flush waits for images until none has come for so long ...
 constexpr double kLongOnTheWayS = 2;      ///< ... or for so long, while a camera goes on
 
+constexpr char kPosesDoNotFit[] = "poses do not fit the images";
+
 /// Where the scene is assumed while nothing tells: the middle of the fallback range, as the mapper has it.
 double FallbackDepth(const DenseMapperOptions& options) {
   return std::sqrt(static_cast<double>(options.fallback_depth_range.min) * options.fallback_depth_range.max);
@@ -78,6 +80,9 @@ void DenseMapperNodelet::Start() {
     const std::string missing = DescribeMissing(TakeSnapshotWithAdvice());
     if (!missing.empty()) NODELET_WARN("missing_input: %s", Printable(missing).c_str());
     if (flushing_) NODELET_INFO("flush: %s", Printable(AccountForImages(TakeSnapshot())).c_str());
+    if (matched_ < next_reading_) return;
+    next_reading_ = 2 * matched_;  // it takes some tenths of a second
+    FindReading();
   });
   std::string topics;
   for (const auto& source : sources_) topics += source->status().topic + " ";
@@ -110,30 +115,41 @@ void DenseMapperNodelet::StartWorker() {
 }
 
 RejectedInput DenseMapperNodelet::WithDoubt(RejectedInput drop) {
-  if (drop.reason != "no_points" && drop.reason != "poses_contradict") return drop;
-  std::unique_lock<std::mutex> lock(intake_mutex_);
-  const PoseSemantics semantics = intake_->pose_semantics();
-  const std::string doubt = intake_->DescribeDoubt();
-  lock.unlock();
-  const std::string turns = publisher_->DescribeReadings(semantics);
-  drop.message += turns.empty() ? doubt : turns;
+  const bool stands = drop.reason == "no_source_views";  // most of the time
+  if (!stands && drop.reason != "no_depth_range" && drop.reason != "no_points" && drop.reason != "poses_contradict") {
+    return drop;
+  }
+  if (FindReading() || stands) return drop;
+  std::lock_guard<std::mutex> lock(intake_mutex_);
+  drop.message += intake_->DescribeDoubt();
   return drop;
+}
+
+bool DenseMapperNodelet::FindReading() {
+  PoseSemantics semantics;
+  {
+    std::lock_guard<std::mutex> lock(intake_mutex_);
+    semantics = intake_->pose_semantics();
+  }
+  const std::string found = publisher_->JudgeReadings(semantics).text;
+  if (!found.empty()) Report(RejectedInput{"pose_reading", Concat(kPosesDoNotFit, found)});
+  return !found.empty();
 }
 
 void DenseMapperNodelet::MakeIntake(const RuntimeOptions& runtime_options) {
   TransformSource transforms;
   const bool places_sources = options_.matcher.source_cameras > 0 && options_.cam_from_sources.empty();
-  if (options_.pose_source == PoseSource::kTf || NeedsExtrinsic(options_) || places_sources) {
-    tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()), [this](const std::string& text) {
-      Report(RejectedInput{"bad_tf", text});
-    });
-    transforms.find_pose = [this](const std::string& world, const std::string& child, int64_t stamp_ns) {
-      return tf_->FindPose(world, child, stamp_ns);
-    };
-    transforms.find_latest = [this](const std::string& target, const std::string& source) {
-      return tf_->FindLatest(target, source);
-    };
-  }
+  const bool needs_tf = options_.pose_source == PoseSource::kTf || NeedsExtrinsic(options_) || places_sources;
+  // Else only for checks that try another reading of the poses.
+  tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()), !needs_tf, [this](const std::string& text) {
+    Report(RejectedInput{"bad_tf", text});
+  });
+  transforms.find_pose = [this](const std::string& world, const std::string& child, int64_t stamp_ns) {
+    return tf_->FindPose(world, child, stamp_ns);
+  };
+  transforms.find_latest = [this](const std::string& target, const std::string& source) {
+    return tf_->FindLatest(target, source);
+  };
   intake_ = std::make_unique<KeyframeIntake>(options_, runtime_options.gate, FallbackDepth(runtime_options.mapper),
                                              transforms);
   if (!options_.calibration_file.empty()) {
@@ -235,6 +251,7 @@ std::string DenseMapperNodelet::Flush() {
   const std::string failure = worker_->Flush();
   flushing_ = false;
   Expect(failure);
+  FindReading();
   const MapperSnapshot after = TakeSnapshot();
   const uint64_t arrived = ImagesReceived(after.inputs) - ImagesReceived(before.inputs);
   std::string text = Concat("finished all that had come; waited for ", arrived, " image(s) on their way and ",
@@ -281,20 +298,22 @@ void DenseMapperNodelet::Deliver(bool all) {
 void DenseMapperNodelet::Dispatch(IntakeEvent event, bool wait_for_room) {
   if (auto* drop = std::get_if<RejectedInput>(&event)) return Report(*drop);
   if (auto* notice = std::get_if<Notice>(&event)) {
-    if (notice->warning) {
+    if (notice->warning && publisher_->verdict().text.empty()) {  // images tell more than points in view
       NODELET_WARN("%s", notice->text.c_str());
-    } else {
+    } else if (!notice->warning) {
       NODELET_INFO("%s", notice->text.c_str());
     }
     return;
   }
   if (auto* jump = std::get_if<TimeJump>(&event)) {
-    if (tf_) tf_->Clear();
+    tf_->Clear();
+    publisher_->ForgetReadings();
     NODELET_WARN("time jumped back from image %s to %s: buffers and window are cleared",
                  FormatStamp(jump->from_ns).c_str(), FormatStamp(jump->to_ns).c_str());
     return worker_->StartOver();
   }
   if (auto* world = std::get_if<NewWorld>(&event)) {
+    publisher_->ForgetReadings();
     Report(RejectedInput{"new_world", world->text});
     return worker_->StartOver();
   }
@@ -308,6 +327,7 @@ std::string DenseMapperNodelet::Reset() {
     intake_->Clear();
   }
   const std::string failure = worker_->Reset();
+  publisher_->ForgetReadings();
   Deliver();  // the drops; only now, since a full queue might have blocked it
   Expect(failure);
   return "buffers and window are empty";
@@ -332,6 +352,7 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   snapshot.points_sent = publisher_->points_sent();
   snapshot.drops = incidents_.entries();
   snapshot.images_dropped = incidents_.images();
+  const std::string found = publisher_->verdict().text;
   std::lock_guard<std::mutex> lock(intake_mutex_);
   snapshot.waiting_images = intake_->waiting_images();
   snapshot.waiting_for = intake_->DescribeWait(snapshot.now_s);
@@ -339,6 +360,7 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   snapshot.last_gap = intake_->last_gap();
   snapshot.points_in_front = intake_->share_in_front();
   snapshot.convention_warning = intake_->convention_warning();
+  if (!found.empty()) snapshot.convention_warning = Concat(kPosesDoNotFit, found);
   return snapshot;
 }
 

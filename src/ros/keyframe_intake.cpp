@@ -224,7 +224,7 @@ std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched
 
 std::string KeyframeIntake::DescribeDoubt() const {
   if (options_.pose.child == PoseSemantics::Child::kBody) {
-    return "; or T_body_cam is wrong, or its inverse (~extrinsic_inverted)";
+    return "; or T_body_cam is wrong, or its inverse (~extrinsic_inverted, for the topic extrinsic)";
   }
   const std::string camera = CameraFrame();
   if (child_frame_.empty() || camera.empty() || child_frame_ == camera) return "";

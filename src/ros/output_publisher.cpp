@@ -120,24 +120,27 @@ OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::string mapper, const I
 }
 
 void OutputPublisher::Advertise(const std::string& face, ImageTopics* topics) {
+  constexpr bool kLatched = true;  // for who is not the first of its process: roscpp then gives what that one has got
   const std::string prefix = face.empty() ? "" : names::kFacePrefix + face + "/";
   const auto advertise_camera = [&](const char* name, const MakeImage& make) {
     return transport_.advertiseCamera(prefix + name, kQueue, ForNewcomers(face, make), {},
-                                      ForNewcomers(face, &CameraInfoOf));
+                                      ForNewcomers(face, &CameraInfoOf), {}, {}, kLatched);
   };
   topics->depth_fast = transport_.advertiseCamera(prefix + names::kDepthFast, kQueue);
   topics->depth = advertise_camera(names::kDepth, &DepthImageOf);
   topics->color = advertise_camera(names::kColor, &ColorImageOf);
   topics->depth_millimetres = nh_.advertise<sensor_msgs::Image>(
       prefix + names::kDepthMillimetres, kQueue,
-      ForNewcomers(face, [](const KeyframeOutput& output) { return ToDepthMillimetres(*DepthImageOf(output)); }));
+      ForNewcomers(face, [](const KeyframeOutput& output) { return ToDepthMillimetres(*DepthImageOf(output)); }), {},
+      {}, kLatched);
   const std::pair<const char*, MakeImage> others[] = {{names::kDepthPicture, &DepthPictureOf},
                                                       {names::kConfidence, &ConfidenceImageOf},
                                                       {names::kConfidencePicture, &ConfidencePictureOf},
                                                       {names::kNormal, &NormalImageOf},
                                                       {names::kNormalPicture, &NormalPictureOf}};
   for (const auto& [name, make] : others) {
-    topics->others.emplace_back(transport_.advertise(prefix + name, kQueue, ForNewcomers(face, make)), make);
+    topics->others.emplace_back(transport_.advertise(prefix + name, kQueue, ForNewcomers(face, make), {}, {}, kLatched),
+                                make);
   }
 }
 
@@ -196,7 +199,7 @@ void OutputPublisher::Publish(const KeyframeDepthPtr& maps, const PublishOutput&
 }
 
 void OutputPublisher::HandleFast(const KeyframeDepthPtr& maps) {
-  reading_check_.Add(*maps->frame);
+  if (KeyframeOriginOf(*maps->frame).face.empty()) reading_check_.Add(*maps->frame);
   Publish(maps, [this](const KeyframeOutput& output) {
     if (output.origin.face.empty()) PublishPose(output);
     const ImageTopics& topics = TopicsOf(output.origin);
@@ -236,6 +239,7 @@ void OutputPublisher::HandleRefined(const KeyframeDepthPtr& maps) {
 
 void OutputPublisher::HandleDrop(const KeyframeDrop& drop) {
   const KeyframeOrigin& origin = KeyframeOriginOf(*drop.frame);
+  if (!drop.had_fast && origin.face.empty()) reading_check_.Add(*drop.frame);
   Report({drop.reason,
           Concat("image ", FormatStamp(origin.stamp_ns), origin.face.empty() ? "" : ", face " + origin.face,
                  drop.had_fast ? " (refinement only): " : ": ", drop.message),

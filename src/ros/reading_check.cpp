@@ -20,29 +20,24 @@ namespace {
 using Direction = PoseSemantics::Direction;
 using Child = PoseSemantics::Child;
 
-constexpr size_t kKeptImages = 12;
 constexpr size_t kMostGap = 3;     ///< images, of a pair
 constexpr int kOrbPatchSize = 31;  ///< px: ORB throws for images that hold none
 constexpr int kSmallSize = 640;    ///< px, of the longer side
 constexpr size_t kFewestMatches = 40, kFewestMatchesOfAll = 400;
-constexpr double kNearLine = 3;           ///< px: errors of good poses and matches
-constexpr double kFittingShare = 0.5;     ///< of the matches near their lines
-constexpr double kClearlyMoreNear = 1.5;  ///< times as many
+constexpr size_t kFewestPairs = 12;          ///< of 6 images: of fewer, poses turn too little to tell readings apart
+constexpr double kCertainShare = 0.8;        ///< of a listed reading; below, any rotation is tried as well ...
+constexpr double kMoreOfAnyRotation = 1.15;  ///< ... which has parameters to fit, so it must have more by so much
+constexpr double kClearlyMoreNear = 1.5;     ///< times as many
 constexpr double kDegree = M_PI / 180;
+
+/// Errors of good poses and matches, px.
+double NearLine(double focal_length) { return std::clamp(0.006 * focal_length, 1.5, 3.0); }
 
 Eigen::Matrix3d CrossProduct(const Eigen::Vector3d& v) {
   Eigen::Matrix3d matrix;
   matrix << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
   return matrix;
 }
-
-/// One way to read the received numbers.
-struct PoseReading {
-  std::string name;
-  Direction direction;
-  RigidTransform child_from_cam;
-  double share = 0;  ///< of the matches that are near their lines
-};
 
 /// Poses of the child, if they are of this direction.
 std::pair<RigidTransform, RigidTransform> ChildPoses(const PoseSemantics& configured, const MatchedImages& pair,
@@ -54,43 +49,60 @@ std::pair<RigidTransform, RigidTransform> ChildPoses(const PoseSemantics& config
   return {one.inverse(), other.inverse()};
 }
 
-/// Calls function(distance) with each match's distance from its epipolar line (Sampson's approximation), px.
+/// Whether the rays meet before both cameras, or are too near to parallel to tell.
+bool AreBeforeBoth(const RigidTransform& other_from_one, const Eigen::Vector3d& ray, const Eigen::Vector3d& other_ray,
+                   double least_parallax) {
+  const Eigen::Vector3d turned = other_from_one.linear() * ray, normal = turned.cross(other_ray);
+  if (normal.norm() < least_parallax * turned.norm() * other_ray.norm()) return true;
+  const Eigen::Vector3d& shift = other_from_one.translation();  // depth * turned + shift = other_depth * other_ray
+  return other_ray.cross(shift).dot(normal) > 0 && turned.cross(shift).dot(normal) > 0;
+}
+
+/// Calls function(distance) with each match's distance from its epipolar line (Sampson's approximation), in NearLines;
+/// infinite for one that would be behind a camera.
 template <class Function>
 void ForEachDistance(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs,
                      const PoseReading& reading, const Function& function) {
+  const RigidTransform child_from_cam = ChildFromCamera(reading.semantics);
   for (const MatchedImages& pair : pairs) {
-    const auto [one, other] = ChildPoses(configured, pair, reading.direction);
-    const RigidTransform other_from_one = (other * reading.child_from_cam).inverse() * (one * reading.child_from_cam);
+    const auto [one, other] = ChildPoses(configured, pair, reading.semantics.direction);
+    const RigidTransform other_from_one = (other * child_from_cam).inverse() * (one * child_from_cam);
     const Eigen::Matrix3d essential = CrossProduct(other_from_one.translation()) * other_from_one.linear();
+    const double unit = NearLine(pair.focal_length) / pair.focal_length;
     for (size_t i = 0; i < pair.rays.size(); ++i) {
       const Eigen::Vector3d line = essential * pair.rays[i], back = essential.transpose() * pair.other_rays[i];
       const double norm = std::sqrt(line.head<2>().squaredNorm() + back.head<2>().squaredNorm());
-      function(norm > 0 ? pair.focal_length * std::abs(pair.other_rays[i].dot(line)) / norm : HUGE_VAL);
+      const bool before = AreBeforeBoth(other_from_one, pair.rays[i], pair.other_rays[i], unit);
+      function(norm > 0 && before ? std::abs(pair.other_rays[i].dot(line)) / (norm * unit) : HUGE_VAL);
     }
   }
 }
 
+bool HasMore(const PoseReading& a, const PoseReading& b) { return a.share > b.share; }
+
 void FindShare(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, PoseReading* reading) {
   size_t near = 0, all = 0;
-  ForEachDistance(configured, pairs, *reading, [&](double distance) { ++all, near += distance < kNearLine; });
+  ForEachDistance(configured, pairs, *reading, [&](double distance) { ++all, near += distance < 1; });
   reading->share = static_cast<double>(near) / static_cast<double>(std::max<size_t>(1, all));
 }
 
 /// The first one is as configured.
 std::vector<PoseReading> ReadingsOf(const PoseSemantics& configured) {
-  std::vector<PoseReading> readings = {{"", configured.direction, ChildFromCamera(configured)}};
+  std::vector<PoseReading> readings = {{"", configured}};
   for (const Direction direction : {Direction::kWorldFromCam, Direction::kCamFromWorld}) {
     const auto add = [&](const char* name, Child child, bool inverse) {
       PoseSemantics other = {direction, child, configured.body_from_cam};
       if (inverse) other.body_from_cam = other.body_from_cam->inverse();
       if (direction == configured.direction && child == configured.child && !inverse) return;
       readings.push_back({direction == configured.direction ? name : Concat(name, ", ~pose_is: ", Name(direction)),
-                          direction, ChildFromCamera(other)});
+                          other, 0, !inverse});
     };
     add("poses of the camera, ~pose_child: camera_optical", Child::kCameraOptical, false);
     add("poses of the camera, ~pose_child: camera_flu", Child::kCameraFlu, false);
     if (!configured.body_from_cam) continue;
-    add("poses of the body, ~pose_child: body", Child::kBody, false);
+    add(configured.child == Child::kBody ? "poses of the body, ~pose_child: body"
+                                         : "poses of the body, ~pose_child: body, with the T_body_cam of tf",
+        Child::kBody, false);
     add("the inverse of T_body_cam, ~pose_child: body", Child::kBody, true);
   }
   return readings;
@@ -149,86 +161,121 @@ std::optional<Eigen::Matrix3d> RotationFromTwo(const SeenTurn& a, const SeenTurn
   return Eigen::Matrix3d(frame(a.of_child, b.of_child) * frame(a.of_camera, b.of_camera).transpose());
 }
 
-/// Mean squared distance from the lines, each at most limit_px.
+/// Sum of the squared distances from the lines, each at most `limit`.
 double LossOf(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, const PoseReading& reading,
-              double limit_px) {
+              double limit) {
   double sum = 0;
-  ForEachDistance(configured, pairs, reading,
-                  [&](double distance) { sum += std::pow(std::min(distance, limit_px), 2); });
+  ForEachDistance(configured, pairs, reading, [&](double distance) { sum += std::pow(std::min(distance, limit), 2); });
   return sum;
 }
 
-/// The rotation between child and camera that fits the matches best, its place taken to be the child's.
-PoseReading FitRotation(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, Direction direction) {
-  constexpr double kCoarsePx = 20, kFinePx = 5;
-  PoseReading best = {Concat("~pose_is: ", Name(direction)), direction, RigidTransform::Identity()};
+/// The rotation between child and camera that fits the matches best, the camera being at `place` in the child's frame.
+PoseReading FitRotation(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, Direction direction,
+                        const Eigen::Vector3d& place) {
+  constexpr double kCoarse = 7, kFine = 1.7, kDegreesOfOne = 1.5;
+  constexpr size_t kMostTurns = 32;
+  PoseReading best = {"", {direction, Child::kBody, RigidTransform(Eigen::Translation3d(place))}, 0, false};
   double loss = HUGE_VAL;
-  const auto try_rotation = [&](const Eigen::Matrix3d& child_from_cam, double limit_px) {
+  const auto try_rotation = [&](const Eigen::Matrix3d& child_from_cam, double limit) {
     PoseReading reading = best;
-    reading.child_from_cam.linear() = child_from_cam;
-    const double found = LossOf(configured, pairs, reading, limit_px);
+    reading.semantics.body_from_cam->linear() = child_from_cam;
+    const double found = LossOf(configured, pairs, reading, limit);
     if (found < loss) loss = found, best = reading;
   };
   const std::vector<SeenTurn> turns = TurnsOf(configured, pairs, direction);
-  for (size_t i = 0; i < turns.size(); ++i) {
-    for (size_t j = 0; j < i; ++j) {
-      if (const auto rotation = RotationFromTwo(turns[i], turns[j])) try_rotation(*rotation, kCoarsePx);
+  const size_t step_of_turns = 1 + turns.size() / kMostTurns;
+  for (size_t i = 0; i < turns.size(); i += step_of_turns) {
+    for (size_t j = 0; j < i; j += step_of_turns) {
+      if (const auto rotation = RotationFromTwo(turns[i], turns[j])) try_rotation(*rotation, kCoarse);
     }
   }
   if (loss == HUGE_VAL) return best;
   std::minstd_rand random(1);
   const auto number = [&random] { return static_cast<double>(random() % 2001) / 1000 - 1; };
-  for (const double limit_px : {kCoarsePx, kFinePx}) {
-    loss = LossOf(configured, pairs, best, limit_px);
-    for (double step = limit_px / 2 * kDegree; step > 0.1 * kDegree; step *= 0.95) {
+  for (const double limit : {kCoarse, kFine}) {
+    loss = LossOf(configured, pairs, best, limit);
+    for (double step = kDegreesOfOne * limit * kDegree; step > 0.1 * kDegree; step *= 0.95) {
       const Eigen::Vector3d turn = step * Eigen::Vector3d(number(), number(), number());
-      try_rotation(best.child_from_cam.linear() * Eigen::AngleAxisd(turn.norm(), turn.normalized()), limit_px);
+      try_rotation(best.semantics.body_from_cam->linear() * Eigen::AngleAxisd(turn.norm(), turn.normalized()), limit);
     }
   }
   FindShare(configured, pairs, &best);
   return best;
 }
 
+/// The best of both directions; none where they fit alike, or badly.
+std::optional<PoseReading> FitRotations(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs) {
+  std::vector<Eigen::Vector3d> places = {Eigen::Vector3d::Zero()};
+  if (configured.body_from_cam) places.emplace_back(configured.body_from_cam->translation());
+  std::vector<PoseReading> best;  // of each direction
+  for (const Direction direction : {Direction::kWorldFromCam, Direction::kCamFromWorld}) {
+    best.push_back({"", configured, 0, false});
+    for (const Eigen::Vector3d& place : places) {
+      PoseReading reading = FitRotation(configured, pairs, direction, place);
+      if (reading.share > best.back().share) best.back() = std::move(reading);
+    }
+  }
+  std::sort(best.begin(), best.end(), HasMore);
+  if (best.front().share < kClearlyMoreNear * best.back().share) return std::nullopt;
+  std::string rotation;
+  const Eigen::Matrix3d found = ChildFromCamera(best.front().semantics).linear();
+  for (int i = 0; i < 9; ++i) {
+    const double rounded = std::round(100 * found(i / 3, i % 3)) / 100;
+    rotation += Concat(i == 0 ? "" : i % 3 == 0 ? "; " : " ", rounded + 0.0);
+  }
+  best.front().name = Concat("poses of a body, ~pose_child: body, ~pose_is: ", Name(best.front().semantics.direction),
+                             ", and T_body_cam with a rotation of about [", rotation, "]");
+  return best.front();
+}
+
 long PercentOf(double share) { return std::lround(100 * share); }
+
+std::string DescribeVerdict(const PoseSemantics& configured, const ReadingVerdict& verdict) {
+  if (verdict.fitting.empty()) return "";
+  std::string fitting;
+  for (const PoseReading& reading : verdict.fitting) {
+    fitting += Concat(fitting.empty() ? "" : "; ", reading.name, " (", PercentOf(reading.share), " %)");
+  }
+  return Concat(
+      "; poses read as ", Describe(configured), " put ", PercentOf(*verdict.share),
+      " % of the matches between images where they should lie: ",
+      verdict.fitting.size() == 1 ? "what fits is " : "several readings fit, and one of them is right: ", fitting);
+}
 
 }  // namespace
 
-std::string DescribeReadings(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs) {
+bool ReadingVerdict::FitsToo(PoseSemantics::Child child) const {
+  return tried.empty() || std::any_of(tried.begin(), tried.end(), [&](const PoseReading& reading) {
+           const PoseSemantics& meant = reading.semantics;
+           return meant.child == child && reading.is_declared_by_name &&
+                  reading.share * kClearlyMoreNear >= tried.front().share;
+         });
+}
+
+ReadingVerdict JudgeReadings(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs) {
   size_t matches = 0;
   for (const MatchedImages& pair : pairs) matches += pair.rays.size();
-  if (matches < kFewestMatchesOfAll) return "";
+  if (pairs.size() < kFewestPairs || matches < kFewestMatchesOfAll) return {};
   std::vector<PoseReading> readings = ReadingsOf(configured);
   for (PoseReading& reading : readings) FindShare(configured, pairs, &reading);
-  const double now = readings.front().share;
+  ReadingVerdict verdict;
+  verdict.share = readings.front().share;
   const auto fits = [&](const PoseReading& reading) {
-    return reading.share > kFittingShare && reading.share > kClearlyMoreNear * now;
+    return reading.share > ReadingVerdict::kFittingShare && reading.share > kClearlyMoreNear * *verdict.share;
   };
-  const auto share = [](const PoseReading& reading) { return Concat(" (", PercentOf(reading.share), " %)"); };
-  const std::string found = Concat("; by the poses as they are read ", PercentOf(now),
-                                   " % of the matches between images lie where they should: ");
-  std::sort(readings.begin(), readings.end(), [](const auto& a, const auto& b) { return a.share > b.share; });
-  if (fits(readings.front())) {
-    std::string fitting;
-    size_t count = 0;
-    for (const PoseReading& reading : readings) {
-      if (!fits(reading) || reading.share * kClearlyMoreNear < readings.front().share) break;
-      fitting += (count++ == 0 ? "" : "; ") + reading.name + share(reading);
-    }
-    return Concat(found, count == 1 ? "what fits is " : "several readings fit, and one of them is right: ", fitting);
+  std::sort(readings.begin(), readings.end(), HasMore);
+  verdict.tried = std::move(readings);
+  for (const PoseReading& reading : verdict.tried) {
+    if (!fits(reading) || reading.share * kClearlyMoreNear < verdict.tried.front().share) break;
+    verdict.fitting.push_back(reading);
   }
-  if (now > kFittingShare) return "";
-  PoseReading best = FitRotation(configured, pairs, Direction::kWorldFromCam);
-  const PoseReading inverse = FitRotation(configured, pairs, Direction::kCamFromWorld);
-  if (std::max(best.share, inverse.share) < kClearlyMoreNear * std::min(best.share, inverse.share)) return "";
-  if (inverse.share > best.share) best = inverse;
-  if (!fits(best)) return "";
-  std::string rotation;
-  for (int i = 0; i < 9; ++i) {
-    const double rounded = std::round(100 * best.child_from_cam.linear()(i / 3, i % 3)) / 100;
-    rotation += Concat(i == 0 ? "" : i % 3 == 0 ? "; " : " ", rounded + 0.0);
+  if (verdict.tried.front().share < kCertainShare) {
+    const auto found = FitRotations(configured, pairs);
+    const bool better = found && found->share > kMoreOfAnyRotation * verdict.tried.front().share;
+    if (better && fits(*found)) verdict.fitting = {*found};
   }
-  return Concat(found, "what fits is poses of a body, ~pose_child: body, ", best.name,
-                ", and T_body_cam with a rotation of about [", rotation, "]", share(best));
+  verdict.text = DescribeVerdict(configured, verdict);
+  return verdict;
 }
 
 void ReadingCheck::Add(const Frame& frame) {
@@ -242,14 +289,32 @@ void ReadingCheck::Add(const Frame& frame) {
   image.world_from_cam = frame.cam_from_world.inverse();
   const std::lock_guard<std::mutex> lock(mutex_);
   images_.push_back(std::move(image));
-  if (images_.size() > kKeptImages) images_.pop_front();
+  if (images_.size() > kept_images_) images_.pop_front();
   ++added_;
 }
 
-std::string ReadingCheck::Describe(const PoseSemantics& configured) {
+void ReadingCheck::Clear() {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (added_ < next_) return text_;
-  next_ = added_ + images_.size();
+  images_.clear();
+  next_ = 0;
+  verdict_ = {};
+}
+
+ReadingVerdict ReadingCheck::Judge(const PoseSemantics& configured) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (added_ >= next_) {
+    next_ = added_ + images_.size();
+    verdict_ = JudgeReadings(configured, Match());
+  }
+  return verdict_;
+}
+
+ReadingVerdict ReadingCheck::verdict() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return verdict_;
+}
+
+std::vector<MatchedImages> ReadingCheck::Match() const {
   const cv::Ptr<cv::ORB> orb = cv::ORB::create(1000);
   const cv::BFMatcher matcher(cv::NORM_HAMMING);
   std::vector<std::vector<cv::KeyPoint>> points(images_.size());
@@ -276,8 +341,7 @@ std::string ReadingCheck::Describe(const PoseSemantics& configured) {
       if (pair.rays.size() >= kFewestMatches) pairs.push_back(std::move(pair));
     }
   }
-  text_ = DescribeReadings(configured, pairs);
-  return text_;
+  return pairs;
 }
 
 }  // namespace acmp

@@ -24,13 +24,13 @@ RigidTransform ToRigidTransform(const geometry_msgs::TransformStamped& message) 
 
 }  // namespace
 
-TfLookup::TfLookup(ros::NodeHandle nh, std::function<void(const std::string&)> report)
+TfLookup::TfLookup(ros::NodeHandle nh, bool only_static, std::function<void(const std::string&)> report)
     : report_(std::move(report)), buffer_(ros::Duration(kCacheS)) {
   const auto subscribe = [&](const char* topic, bool is_static) {
     return SubscribeChecked<tf2_msgs::TFMessage>(
         nh, topic, kTfQueue, [this, is_static](const auto& message) { Receive(*message, is_static); });
   };
-  transforms_ = subscribe(names::kTf, false);
+  if (!only_static) transforms_ = subscribe(names::kTf, false);
   static_transforms_ = subscribe(names::kTfStatic, true);
   // Lookups do not wait, so it does not matter that nobody else fills the buffer meanwhile.
   buffer_.setUsingDedicatedThread(true);

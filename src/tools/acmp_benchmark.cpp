@@ -15,7 +15,7 @@ namespace acmp {
 namespace {
 
 struct BenchmarkArguments {
-  std::vector<std::string> sizes = {"640x480", "3072x2048"};
+  std::vector<std::string> sizes;  ///< none: what the device does in some seconds
   std::vector<int> source_views = {10};
   int repetitions = 5;
   int keyframes = 0;
@@ -120,7 +120,7 @@ void MeasureSizes(const BenchmarkArguments& arguments, DepthEngine* engine) {
   }
 }
 
-void RunBenchmark(const BenchmarkArguments& arguments) {
+void RunBenchmark(BenchmarkArguments arguments) {
   for (int source_views : arguments.source_views) CheckRange("--source-views", source_views, 1, kMaxSourceViews);
   const DepthEngineBackend backend =
       MakeDepthEngine(ParseDevice(arguments.device), arguments.cuda_index, arguments.multiprocessors);
@@ -129,6 +129,9 @@ void RunBenchmark(const BenchmarkArguments& arguments) {
   if (arguments.multiprocessors > 0 && !is_gpu) {
     throw InvalidInputError(Concat("--sms ", arguments.multiprocessors, ": the CPU has no multiprocessors",
                                    backend.fallback_reason.empty() ? "" : "; ", backend.fallback_reason));
+  }
+  if (arguments.sizes.empty()) {
+    arguments.sizes = is_gpu ? std::vector<std::string>{"640x480", "3072x2048"} : std::vector<std::string>{"320x240"};
   }
   std::cout << "device " << engine->device_name();
   if (!backend.fallback_reason.empty()) std::cout << ", since " << backend.fallback_reason;
@@ -162,7 +165,9 @@ int main(int argc, char** argv) {
       "keyframes per second each preset keeps up with at which size.\n"
       "Example: acmp_benchmark --sizes 640x480,3072x2048 --source-views 6,10",
       "acmp_benchmark");
-  app.add_option("--sizes", arguments.sizes, "Image sizes, WIDTHxHEIGHT")->delimiter(',')->capture_default_str();
+  app.add_option("--sizes", arguments.sizes, "Image sizes, WIDTHxHEIGHT")
+      ->delimiter(',')
+      ->default_str("640x480,3072x2048; on a CPU 320x240");
   app.add_option("--source-views", arguments.source_views, "Numbers of source views, 1..32")
       ->delimiter(',')
       ->capture_default_str();
@@ -185,7 +190,7 @@ int main(int argc, char** argv) {
   app.add_option_function<std::string>("--refine-poses", refine_poses.set, "Of the stream: " + refine_poses.sentence)
       ->check(CLI::IsMember(refine_poses.choices))
       ->default_str("off");
-  app.add_option("--preset", arguments.preset, "Option set, see the README")
+  app.add_option("--preset", arguments.preset, "Preset, see docs/algorithm.md")
       ->check(CLI::IsMember(acmp::PresetNames()))
       ->capture_default_str();
   app.add_option("--set", arguments.set,

@@ -16,6 +16,11 @@ const char* RoleOf(const acmp::BagTopic& topic, const acmp::TopicChoice& chosen)
   if (topic.name == chosen.pose) return "pose";
   if (topic.name == chosen.sparse_points) return "sparse_points";
   if (topic.name == chosen.mask) return "mask";
+  const auto is_one_of = [&](const auto& names) {
+    return std::find(names.begin(), names.end(), topic.name) != names.end();
+  };
+  if (is_one_of(chosen.source_images)) return "source_image";
+  if (is_one_of(chosen.source_camera_infos)) return "source_camera_info";
   return "";
 }
 
@@ -64,19 +69,26 @@ int PrintReport(const acmp::BagReport& report) {
 // NOLINTNEXTLINE(bugprone-exception-escape): only a wrong table of options or no memory throw outside RunTool
 int main(int argc, char** argv) {
   CLI::App app(
-      "Reports what is wrong with a bag for the mapper: topics, encodings, calibration, stamps, poses and\n"
-      "points. Exit codes: 0 usable (warnings say what to set), 2 not usable or wrong use, 1 failed.",
+      "Reports what is wrong with a bag for the mapper: topics, encodings, calibration, stamps, poses (also by\n"
+      "matches between images) and points. Exit codes: 0 usable (warnings say what to set), 2 not usable or wrong use, "
+      "1 failed.",
       "acmp_check_bag");
   std::string bag;
   acmp::BagCheckOptions options;
   std::string pose_is = "T_world_cam";
   std::string pose_child = "camera_optical";
+  std::string sparse_frame = "auto";
   app.add_option("bag", bag, "Recorded bag")->required()->type_name("FILE");
   app.add_option("--image", options.topics.image, "Image topic; found by type when not given")->type_name("TOPIC");
   app.add_option("--camera-info", options.topics.camera_info, "CameraInfo topic")->type_name("TOPIC");
   app.add_option("--pose", options.topics.pose, "Pose, odometry or transform topic")->type_name("TOPIC");
   app.add_option("--sparse-points", options.topics.sparse_points, "Sparse points")->type_name("TOPIC");
   app.add_option("--mask", options.topics.mask, "Masks, mono8; by default the Image topic named ...mask")
+      ->type_name("TOPIC");
+  app.add_option("--source-image", options.topics.source_images,
+                 "Images of source cameras, as the mapper's source_image; without it a second camera is only tried")
+      ->type_name("TOPIC");
+  app.add_option("--source-camera-info", options.topics.source_camera_infos, "Theirs, in the same order")
       ->type_name("TOPIC");
   app.add_option("--sync-tolerance", options.sync_tolerance_s, "Seconds between a pose and its image")
       ->check(CLI::NonNegativeNumber)
@@ -89,14 +101,18 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--pose-child", pose_child, "As the mapper's ~pose_child")
       ->check(CLI::IsMember({"camera_optical", "camera_flu", "body"}))
-      ->default_str("camera_optical; body where tf_static has T_body_cam");
+      ->default_str("camera_optical; what images, or frames and tf, say where neither is given");
+  app.add_option("--sparse-frame", sparse_frame, "As the mapper's ~sparse_frame")
+      ->check(CLI::IsMember({"auto", "world", "camera"}))
+      ->capture_default_str();
   app.add_option("--calibration-file", options.calibration_file, "As the mapper's ~calibration_file")
       ->check(CLI::ExistingFile);
   return acmp::RunTool(app, argc, argv, [&] {
     if (pose_is == "T_cam_world") options.semantics.direction = acmp::PoseSemantics::Direction::kCamFromWorld;
-    options.child_declared = app.count("--pose-child") > 0;
+    options.semantics_declared = app.count("--pose-child") + app.count("--pose-is") > 0;
     if (pose_child == "body") options.semantics.child = acmp::PoseSemantics::Child::kBody;
     if (pose_child == "camera_flu") options.semantics.child = acmp::PoseSemantics::Child::kCameraFlu;
+    if (sparse_frame != "auto") options.points_in_camera = sparse_frame == "camera";
     return PrintReport(acmp::CheckBag(bag, options));
   });
 }

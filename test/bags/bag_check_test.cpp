@@ -18,6 +18,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/ros/output_conversion.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {
@@ -292,6 +293,117 @@ TEST_F(CheckBagTest, ARecordingOfAnImuAndAnRgbdCamera) {
             "camera_info:=/camera/color/camera_info pose_source:=odom "
             "odom:=/vio/odometry pose_child:=body");
   EXPECT_THAT(Warnings(report), Contains(AllOf(HasSubstr("no sparse points"), HasSubstr("depth_min"))));
+}
+
+/// Images of a room with their poses as a frontend that means `truth` sends them, child frame "imu", and T_body_cam in
+/// tf_static.
+class ReadingsOfABagTest : public CheckBagTest {
+ protected:
+  void Write(const PoseSemantics &truth, const std::optional<RigidTransform> &in_tf) {
+    SyntheticSceneOptions scene;
+    scene.width = 320;
+    scene.height = 240;
+    scene.keyframes = 10;
+    static const std::vector<SyntheticView> views = MakeSyntheticScene(scene);
+    rosbag::Bag bag(Path(), rosbag::bagmode::Write);
+    for (size_t i = 0; i < views.size(); ++i) {
+      const Frame &frame = views[i].frame;
+      std_msgs::Header header;
+      header.stamp = ros::Time(1000 + i, 0);
+      header.frame_id = "cam";
+      bag.write("/image", header.stamp, *ToColorMessage(frame.color, header));
+      bag.write("/camera_info", header.stamp, *ToCameraInfo(frame.camera, header));
+      header.frame_id = "map";
+      const RigidTransform child_from_world = ChildFromCamera(truth) * frame.cam_from_world;
+      const bool inverse = truth.direction == PoseSemantics::Direction::kCamFromWorld;
+      nav_msgs::Odometry odometry;
+      odometry.child_frame_id = "imu";
+      odometry.pose.pose = ToPoseStamped(inverse ? child_from_world.inverse() : child_from_world, header).pose;
+      odometry.header = header;
+      bag.write("/odom", header.stamp, odometry);
+    }
+    if (!in_tf) return;
+    std_msgs::Header header;
+    header.stamp = ros::Time(1000, 0);
+    header.frame_id = "imu";
+    bag.write("/tf_static", header.stamp, ToTf(ToPoseStamped(in_tf->inverse(), header), "cam"));
+  }
+};
+
+TEST_F(ReadingsOfABagTest, ImagesTellHowPosesAreMeant) {
+  using Child = PoseSemantics::Child;
+  using Direction = PoseSemantics::Direction;
+  RigidTransform body_from_cam = RigidTransform::Identity();
+  body_from_cam.linear() = Eigen::AngleAxisd(1.2, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+  body_from_cam.translation() = Eigen::Vector3d(0.1, 0, 0.05);
+  const struct {
+    PoseSemantics truth;
+    std::optional<RigidTransform> in_tf;
+    std::string finding;  ///< a warning
+    std::string launch;   ///< how the launch line ends, after the poses' topic
+  } cases[] = {
+      {{}, body_from_cam, "", ""},  // the frames alone would say: poses of the body
+      {{Direction::kCamFromWorld, Child::kCameraOptical}, {}, "set ~pose_is: T_cam_world", " pose_is:=T_cam_world"},
+      {{Direction::kWorldFromCam, Child::kCameraFlu}, {}, "~pose_child: camera_flu", " pose_child:=camera_flu"},
+      {{Direction::kWorldFromCam, Child::kBody, body_from_cam},
+       body_from_cam,
+       "~pose_child: body",
+       " pose_child:=body"},
+      {{Direction::kWorldFromCam, Child::kBody, body_from_cam},
+       body_from_cam.inverse(),
+       "what fits is the inverse of T_body_cam",
+       ""},
+      // Turns about one axis do not tell T_body_cam.
+      {{Direction::kWorldFromCam, Child::kBody, body_from_cam}, {}, "poses of a body (~pose_child: body)", ""}};
+  for (const auto &example : cases) {
+    SCOPED_TRACE(Describe(example.truth) + example.finding);
+    Write(example.truth, example.in_tf);
+    const BagReport report = CheckBag(Path(), {});
+    const std::vector<std::string> readings = Warnings(report);
+    const auto names_reading = HasSubstr("pose_");
+    if (example.finding.empty()) {
+      EXPECT_THAT(readings, Not(Contains(names_reading)));
+    } else {
+      EXPECT_THAT(readings, Contains(HasSubstr(example.finding)));
+    }
+    EXPECT_THAT(report.launch, testing::EndsWith("odom:=/odom" + example.launch));
+  }
+  Write({Direction::kWorldFromCam, Child::kCameraFlu}, {});
+  BagCheckOptions declared;
+  declared.semantics_declared = true;
+  const BagReport report = CheckBag(Path(), declared);
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("what fits is poses of the camera, ~pose_child: camera_flu")));
+  EXPECT_THAT(report.launch, testing::EndsWith("odom:=/odom")) << "as the user has declared";
+}
+
+TEST_F(CheckBagTest, ASecondCameraIsASourceCameraWhenItIsAskedFor) {
+  const auto check_with = [&](double baseline, const BagCheckOptions &options) {
+    Check([](int, Keyframe &) {});
+    rosbag::Bag bag(Path(), rosbag::bagmode::Append);
+    for (int i = 0; i < kKeyframes; ++i) {
+      Keyframe keyframe = MakeKeyframe(i);
+      keyframe.info.P[3] = -baseline * keyframe.info.P[0];
+      bag.write("/right/image", keyframe.image.header.stamp, keyframe.image);
+      bag.write("/right/camera_info", keyframe.image.header.stamp, keyframe.info);
+    }
+    bag.close();
+    return CheckBag(Path(), options);
+  };
+  const std::string arguments = "stereo:=true source_image:=/right/image source_camera_info:=/right/camera_info";
+  BagCheckOptions asked;
+  asked.topics.image = "/image";
+  asked.topics.camera_info = "/info";
+  BagReport report = check_with(0.1, asked);
+  EXPECT_THAT(Messages(report, Severity::kOk),
+              Contains(AllOf(HasSubstr(arguments), HasSubstr("6 of 6 images have one"), HasSubstr("(0.1"))));
+  EXPECT_THAT(report.launch, Not(HasSubstr("stereo"))) << "nobody has said that it is fixed to the other";
+  asked.topics.source_images = {"/right/image"};
+  report = check_with(0.1, asked);
+  EXPECT_TRUE(report.usable()) << testing::PrintToString(Errors(report));
+  EXPECT_THAT(report.launch, HasSubstr(arguments));
+  report = check_with(0, asked);
+  EXPECT_THAT(Warnings(report), Contains(AllOf(HasSubstr("source_camera_unplaced"), HasSubstr("~T_cam_source"))));
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("0 of 6 images have one of /right/image")));
 }
 
 TEST_F(CheckBagTest, ACalibrationFileTakesThePlaceOfCameraInfo) {

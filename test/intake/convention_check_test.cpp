@@ -93,7 +93,7 @@ TEST(ConventionCheck, NamesTheReadingThatFitsOnce) {
       {inverted, optical, false, false, {"~pose_is: T_cam_world, ~pose_child: camera_optical", "set this", "100 %"}},
       {flu, optical, false, false, {"~pose_is: T_world_cam, ~pose_child: camera_flu"}},
       {optical, flu, false, false, {"~pose_child: camera_optical"}},
-      {body, body_inverted, false, false, {"T_body_cam inverted"}},
+      {body, body_inverted, false, false, {"the inverse of T_body_cam"}},
       {optical, optical, true, false, {"~sparse_frame: camera"}},
       {optical, optical, false, true, {"~sparse_frame: world"}},
       {untold, optical, false, false, {"no other reading", "T_body_cam"}}};

@@ -108,6 +108,17 @@ TEST(PoseResolver, TheParameterCountsMostThenTfThenTheTopicAndTheSourceStays) {
   EXPECT_FALSE(of_camera.TakeNotice());
 }
 
+TEST(PoseResolver, LooksForWhatChecksMayTry) {
+  FakeTf tf{Shifted(2), ""};
+  PoseResolver resolver(PoseSemantics(), false, tf.lookup());
+  resolver.Update("cam", "cam");
+  EXPECT_FALSE(resolver.semantics().body_from_cam) << "there is no other frame";
+  resolver.Update("imu", "cam");
+  EXPECT_EQ(resolver.semantics().body_from_cam->translation().x(), 2);
+  EXPECT_EQ(CameraX(resolver), 0) << "poses are read as declared";
+  EXPECT_FALSE(resolver.TakeNotice());
+}
+
 TEST(PoseResolver, AnInvertedExtrinsicIsTurnedRound) {
   RigidTransform cam_from_body = Shifted(3);
   cam_from_body.rotate(Eigen::AngleAxisd(1, Eigen::Vector3d::UnitZ()));

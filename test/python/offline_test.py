@@ -3,6 +3,7 @@
 
 Usage: offline_test.py ACMP_RECONSTRUCT ACMP_MAKE_SCENE, with the module on PYTHONPATH"""
 
+import inspect
 import os
 import re
 import signal
@@ -151,7 +152,7 @@ class OfflineTest(unittest.TestCase):
         self.assertTrue((result.images[0].depth[5:15, 10:30] == 0).all())
         self.assertGreater((result.images[0].depth > 0).mean(), 0.5)
         self.assertIsNone(result.images[3].depth)
-        self.assertIn("0 useful source views", result.images[3].no_map)
+        self.assertIn("0 useful source views for depths of", result.images[3].no_map)
         (self.folder / "masks").mkdir()
         mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
         mask[:20] = 0
@@ -198,6 +199,17 @@ class OfflineTest(unittest.TestCase):
                 self.assertIn(words, str(raised.exception))
         with self.assertRaisesRegex(ValueError, "no_such_folder"):
             offline.read_scene("/no_such_folder")
+
+    def test_signatures_say_what_the_documentation_does(self):
+        for name in offline.__all__:
+            public = getattr(offline, name)
+            self.assertTrue(public.__doc__, name)
+            parameters = inspect.signature(public).parameters  # what editors show: there are no stubs beside it
+            self.assertLessEqual(set(parameters), set(public.__annotations__), name)
+            section = re.search(r"^ *(?:Args|Attributes):\n(.*?)(?:\n\n|\Z)", public.__doc__, re.DOTALL | re.MULTILINE)
+            documented = re.findall(r"^ {6}(\w+):", section.group(1), re.MULTILINE)
+            self.assertEqual(documented, list(parameters), name)
+        self.assertLessEqual(set(self.input), set(inspect.signature(offline.reconstruct).parameters))
 
     def test_the_example_helps_without_the_module(self):
         example = Path(__file__).resolve().parents[2] / "scripts" / "python_example.py"

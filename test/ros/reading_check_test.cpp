@@ -74,12 +74,12 @@ std::vector<MatchedImages> Pairs(const PoseSemantics& configured, const PoseSema
 }
 
 std::string Described(const PoseSemantics& configured, const PoseSemantics& truth) {
-  return DescribeReadings(configured, Pairs(configured, truth));
+  return JudgeReadings(configured, Pairs(configured, truth)).text;
 }
 
 const RigidTransform kBodyFromCam = Turned(90, {1, 0, 0}, {0.1, 0, 0.2}) * Turned(30, {0, 1, 0});
 
-TEST(DescribeReadingsTest, NamesTheOneThatFits) {
+TEST(JudgeReadingsTest, NamesTheOneThatFits) {
   for (const Direction direction : {Direction::kWorldFromCam, Direction::kCamFromWorld}) {
     const PoseSemantics body = {direction, Child::kBody, kBodyFromCam};
     const PoseSemantics inverse = {direction, Child::kBody, kBodyFromCam.inverse()};
@@ -91,32 +91,52 @@ TEST(DescribeReadingsTest, NamesTheOneThatFits) {
     EXPECT_THAT(Described(body, camera), HasSubstr("what fits is poses of the camera, ~pose_child: camera_optical ("));
     EXPECT_THAT(Described(camera, flu), HasSubstr("what fits is poses of the camera, ~pose_child: camera_flu ("));
     EXPECT_THAT(Described({direction, Child::kCameraOptical, kBodyFromCam}, body),
-                HasSubstr("what fits is poses of the body, ~pose_child: body ("));
+                HasSubstr("what fits is poses of the body, ~pose_child: body, with the T_body_cam of tf ("));
   }
 }
 
-TEST(DescribeReadingsTest, FindsTheRotationOfABodyThatNobodyTold) {
+TEST(JudgeReadingsTest, FindsTheRotationOfABodyThatNobodyTold) {
   const PoseSemantics body = {Direction::kWorldFromCam, Child::kBody, Turned(90, {1, 0, 0}, {0.02, 0, 0})};
   EXPECT_THAT(Described({}, body),
               HasSubstr("what fits is poses of a body, ~pose_child: body, ~pose_is: T_world_cam, and "
                         "T_body_cam with a rotation of about [1 0 0; 0 0 -1; 0 1 0]"));
 }
 
-TEST(DescribeReadingsTest, OrdersNothingWhereSeveralFitAlike) {
+TEST(JudgeReadingsTest, FindsARotationThatIsWrongAtACameraFarFromTheBody) {
+  const PoseSemantics truth = {Direction::kWorldFromCam, Child::kBody, Turned(90, {1, 0, 0}, {0.6, 0, 0.5})};
+  PoseSemantics turned = truth;
+  turned.body_from_cam->linear() = Turned(90, {0, 0, 1}).linear();
+  EXPECT_THAT(Described(turned, truth), HasSubstr("T_body_cam with a rotation of about [1 0 0; 0 0 -1; 0 1 0]"));
+}
+
+TEST(JudgeReadingsTest, TellsTheDirectionOfACameraThatDoesNotTurn) {
+  std::vector<MatchedImages> pairs = Pairs({}, {});
+  for (MatchedImages& pair : pairs) {  // an inverse has the same epipolar lines, behind the camera
+    const RigidTransform other_from_one = pair.other_from_world * pair.world_from_cam;
+    for (size_t i = 0; i < pair.rays.size(); ++i) pair.rays[i] = other_from_one.linear() * pair.rays[i];
+    for (Eigen::Vector3d& ray : pair.rays) ray /= ray.z();
+    pair.world_from_cam = RigidTransform::Identity();
+    pair.other_from_world = RigidTransform(Eigen::Translation3d(other_from_one.translation())).inverse();
+  }
+  EXPECT_THAT(JudgeReadings({}, pairs).text, HasSubstr("~pose_child: camera_optical, ~pose_is: T_cam_world"));
+}
+
+TEST(JudgeReadingsTest, OrdersNothingWhereSeveralFitAlike) {
   const PoseSemantics half_turn = {Direction::kWorldFromCam, Child::kBody, Turned(180, {1, 0, 0})};
   EXPECT_THAT(Described({Direction::kWorldFromCam, Child::kCameraOptical, half_turn.body_from_cam}, half_turn),
               AllOf(HasSubstr("several readings fit, and one of them is right"), HasSubstr("poses of the body"),
                     HasSubstr("the inverse of T_body_cam"), Not(HasSubstr("what fits is"))));
 }
 
-TEST(DescribeReadingsTest, SaysNothingWhereNothingFitsOrLittleIsSeen) {
+TEST(JudgeReadingsTest, SaysNothingWhereNothingFitsOrLittleIsSeen) {
   const PoseSemantics body = {Direction::kWorldFromCam, Child::kBody, kBodyFromCam};
   std::vector<MatchedImages> lost = Pairs({}, {});
   Numbers numbers;
   for (MatchedImages& pair : lost)
     pair.other_from_world = Turned(9, numbers.Vector(), numbers.Vector()) * pair.other_from_world;
-  EXPECT_THAT(DescribeReadings({}, lost), IsEmpty());
-  EXPECT_THAT(DescribeReadings({}, Pairs({}, body, 3)), IsEmpty()) << "300 matches";
+  EXPECT_THAT(JudgeReadings({}, lost).text, IsEmpty());
+  EXPECT_TRUE(JudgeReadings({}, lost).NothingFits());
+  EXPECT_FALSE(JudgeReadings({}, Pairs({}, body, 3)).share) << "300 matches";
 }
 
 TEST(ReadingCheckTest, ThinImagesTellNothing) {
@@ -128,7 +148,7 @@ TEST(ReadingCheckTest, ThinImagesTellNothing) {
       frame.gray = GrayImage(width, height);
       check.Add(frame);
     }
-    EXPECT_THAT(check.Describe({}), IsEmpty()) << width << " x " << height;
+    EXPECT_THAT(check.Judge({}).text, IsEmpty()) << width << " x " << height;
   }
 }
 
@@ -141,7 +161,7 @@ TEST(ReadingCheckTest, MatchesTheLastImages) {
   const PoseSemantics body = {Direction::kWorldFromCam, Child::kBody, kBodyFromCam};
   const auto describe = [&](const PoseSemantics& configured) {
     ReadingCheck check;
-    EXPECT_THAT(check.Describe(configured), IsEmpty()) << "nothing was seen";
+    EXPECT_THAT(check.Judge(configured).text, IsEmpty()) << "nothing was seen";
     for (const SyntheticView& view : views) {
       Frame frame;
       frame.camera = view.frame.camera;
@@ -149,7 +169,7 @@ TEST(ReadingCheckTest, MatchesTheLastImages) {
       frame.cam_from_world = ReadAs(configured, body, view.frame.cam_from_world.inverse()).inverse();
       check.Add(frame);
     }
-    return check.Describe(configured);
+    return check.Judge(configured).text;
   };
   EXPECT_THAT(describe(body), IsEmpty());
   EXPECT_THAT(describe({Direction::kWorldFromCam, Child::kBody, kBodyFromCam.inverse()}),

@@ -135,6 +135,9 @@ TEST_F(ServicesTest, WhoSubscribesLateGetsTheNewestImages) {
     Recorder<sensor_msgs::Image> late(mapper().nh, topic);
     ASSERT_TRUE(late.WaitForCount(1, kTimeoutS)) << topic;
     EXPECT_EQ(late.messages()[0]->header.stamp, newest) << topic;
+    Recorder<sensor_msgs::Image> later(mapper().nh, topic);  // in one process: the publisher does not hear of it
+    ASSERT_TRUE(later.WaitForCount(1, kTimeoutS)) << topic;
+    EXPECT_EQ(later.messages()[0]->header.stamp, newest) << topic;
   }
   for (const char* topic : {"rgb/camera_info", "depth/camera_info"}) {
     Recorder<sensor_msgs::CameraInfo> late(mapper().nh, topic);

@@ -2,6 +2,7 @@
 """Calibrations that scripts/convert_calibration.py reads and writes.
 
 usage: convert_calibration_test.py SOURCE_FOLDER"""
+import math
 import os
 import subprocess
 import sys
@@ -305,6 +306,10 @@ class ConvertCalibration(unittest.TestCase):
         self.expect(converted(omni), [752, 480], K, "mei", [1.9] + RADTAN)
         self.assertIn("must be radtan", refusal(omni.replace("radtan", "equidistant", 1)))
 
+    def test_a_sphere_needs_its_size_alone(self):
+        sphere = "Camera:\n  model: equirectangular\n  cols: 1920\n  rows: 960\n"
+        self.expect(converted(sphere), [1920, 960], [960 / math.pi, 960 / math.pi, 960, 480], "equirectangular", [])
+
     def test_size_that_the_file_lacks(self):
         self.assertIn("image size 0 x 0", refusal(ORB_SLAM2))
         self.expect(converted(ORB_SLAM2, 0, [640, 480]), [640, 480], [517.306408, 516.469215, 318.64304, 255.313989],
@@ -312,7 +317,7 @@ class ConvertCalibration(unittest.TestCase):
 
     def test_what_is_refused(self):
         for text, words in (
-                (VINS.replace("PINHOLE", "SCARAMUZZA"), "'SCARAMUZZA'"),
+                (VINS.replace("PINHOLE", "SCARAMUZZA").replace("projection_p", "poly_p"), "'SCARAMUZZA'"),
                 (VINS.replace("PINHOLE", "MEI"), "gamma1 is missing"),
                 (VINS.replace("fx: 458.654, ", ""), "projection_parameters: fx is missing"),
                 (VINS.replace("458.654", "large"), "fx = 'large': must be a number"),
@@ -327,7 +332,8 @@ class ConvertCalibration(unittest.TestCase):
                 ("image_width: 3\ncamera_matrix: 1\n", "camera_matrix = 1: must be a list of 9 numbers"),
                 (ROVIO.replace("367.215, 0.0", "367.215, 0.5"), "must be fx 0 cx"),
                 (ROVIO.replace("distortion_c", "c"), "distortion_coefficients is missing"),
-                (STELLA.replace("perspective", "equirectangular"), "Camera.model 'equirectangular'"),
+                (STELLA.replace("perspective", "dodecahedron"), "Camera.model 'dodecahedron'"),
+                ("# oST version 5.0 parameters\n[image]\n\nwidth\n640\n", "calibration_file takes it as it is"),
                 (SVO.replace("Pinhole", "ATAN"), "cam_model 'ATAN'"),
                 (RIG.replace("radial-tangential", "fisheye-fov"), "distortion model 'fisheye-fov'"),
                 (OPENCV_XML.replace("</data>", ""), "is no XML"),

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,8 @@ struct TopicChoice {
   std::string pose;  ///< empty in a report when the poses come from tf
   std::string sparse_points;
   std::string mask;  ///< filled in by name: an Image topic that ends in "mask"
+  /// Of source cameras, one camera_info for each; not filled in.
+  std::vector<std::string> source_images, source_camera_infos;
 };
 
 struct BagTopic {
@@ -37,8 +40,8 @@ struct BagCheckOptions {
   double sync_tolerance_s = 1e-3;   ///< the mapper's ~sync_tolerance
   double sparse_tolerance_s = 0.5;  ///< between points and their image, as in the mapper, s
   PoseSemantics semantics;          ///< the mapper's ~pose_is and ~pose_child
-  bool child_declared = false;      ///< false: semantics.child is body where tf_static says that the poses are another
-                                    ///< frame's than the images
+  bool semantics_declared = false;  ///< false: another reading is used where images, or frames and tf, say that it fits
+  std::optional<bool> points_in_camera;    ///< the mapper's ~sparse_frame: camera or world; none: auto
   std::filesystem::path calibration_file;  ///< the mapper's ~calibration_file; empty: camera_info
 };
 
@@ -53,8 +56,9 @@ struct BagReport {
   bool usable() const { return Count(Severity::kError) == 0; }
 };
 
-/// Feeds the bag to the mapper's own intake, decodes its images, and reports what became of them. Throws
-/// InvalidInputError when the bag cannot be read at all or a topic in the options is not in it.
+/// Feeds the bag to the mapper's own intake, decodes its images, matches some of them as the mapper does to see whether
+/// poses are read as they are meant, and reports what became of them. Throws InvalidInputError when the bag cannot be
+/// read at all or a topic in the options is not in it.
 BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& options);
 
 }  // namespace acmp

@@ -63,7 +63,7 @@ class PoseResolver {
   void Update(const std::string& body_frame, const std::string& camera_frame);
 
   /// Whether poses can be resolved.
-  bool ready() const { return semantics_.child != PoseSemantics::Child::kBody || semantics_.body_from_cam; }
+  bool ready() const { return !needs_extrinsic() || semantics_.body_from_cam; }
 
   /// Why not: what was looked for and what to set.
   std::string DescribeMissing() const;
@@ -81,6 +81,7 @@ class PoseResolver {
 
  private:
   enum class Source { kNone, kParameter, kTf, kTopic };
+  bool needs_extrinsic() const { return semantics_.child == PoseSemantics::Child::kBody; }
   void Choose(Source source, const std::string& notice);
 
   PoseSemantics semantics_;

@@ -57,6 +57,8 @@ class DenseMapperNodelet : public NodeletBase {
   std::vector<InputStatus> InputStatuses() const;
   /// Adds what of the poses' meaning may be wrong where they do not fit the images.
   RejectedInput WithDoubt(RejectedInput drop);
+  /// Tells which reading of the poses fits the images, where the configured one does not. Returns whether it does.
+  bool FindReading();
   MapperSnapshot TakeSnapshot();
   /// The same. Where an input is silent the master is asked what is published under its name.
   MapperSnapshot TakeSnapshotWithAdvice();
@@ -68,6 +70,7 @@ class DenseMapperNodelet : public NodeletBase {
   std::atomic<bool> paused_{false};
   std::atomic<bool> flushing_{false};  ///< its progress is told in the log
   std::atomic<uint64_t> matched_{0};
+  uint64_t next_reading_ = 10;  ///< of matched_: when FindReading is called unasked
 
   std::mutex delivery_mutex_;
   /// Spent in a blocking queue: while it blocks no cloud can come in, so the clock of the wait for clouds stands still.

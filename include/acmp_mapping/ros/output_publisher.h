@@ -22,8 +22,9 @@
 namespace acmp {
 
 /// Publishes what a DenseMapper's callbacks bring, and counts it. A message is only made when somebody listens: images
-/// of the newest refined keyframe also for who comes later, so that these topics look latched. Callbacks come one at a
-/// time, in the mapper's thread for outputs; all else may be called by any thread.
+/// of the newest refined keyframe also for who comes later. (These topics are latched, too, but a latch has what was
+/// last sent to anybody, and comes before it.) Callbacks come one at a time, in the mapper's thread for outputs; all
+/// else may be called by any thread.
 class OutputPublisher {
  public:
   /// @param mapper name of the mapper's node, for the map
@@ -48,8 +49,12 @@ class OutputPublisher {
   bool is_stopping() const { return stopping_; }
 
   OutputStatus status() const;
-  /// ReadingCheck::Describe of the keyframes that have had their first map.
-  std::string DescribeReadings(const PoseSemantics& configured) { return reading_check_.Describe(configured); }
+  /// Of the keyframes that have had their first map, or got none.
+  ReadingVerdict JudgeReadings(const PoseSemantics& configured) { return reading_check_.Judge(configured); }
+  /// What comes is of another world.
+  void ForgetReadings() { reading_check_.Clear(); }
+  /// The last one.
+  ReadingVerdict verdict() const { return reading_check_.verdict(); }
   /// Nodes that listen to keyframe_points.
   uint32_t maps() const { return keyframe_points_.getNumSubscribers(); }
   /// Messages sent on keyframe_points.

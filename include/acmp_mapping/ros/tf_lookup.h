@@ -17,8 +17,9 @@ namespace acmp {
 class TfLookup {
  public:
   /// Listens in the node handle's callback queue.
+  /// @param only_static of /tf_static alone, which costs nothing
   /// @param report told of transforms that cannot be used
-  TfLookup(ros::NodeHandle nh, std::function<void(const std::string&)> report);
+  TfLookup(ros::NodeHandle nh, bool only_static, std::function<void(const std::string&)> report);
 
   /// Pose of `child` in `world` at a stamp, between the two transforms around it; or why there is none (yet).
   std::variant<PoseSample, std::string> FindPose(const std::string& world, const std::string& child, int64_t stamp_ns);
