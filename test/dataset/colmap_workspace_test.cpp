@@ -13,6 +13,7 @@
 namespace acmp {
 namespace {
 
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ColmapWorkspaceTest = TestFolder;
 
