@@ -309,9 +309,6 @@ Mask MapperWorker::MaskOf(const KeyframeInput& input) {
 DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
   if (!input.prior_depth) return {};
   try {
-    if (camera_.rectifiers.size() > 1) {
-      throw InvalidInputError("prior depth of an image that becomes several (~wide_faces) is not used");
-    }
     if (!options_->Get().mapper.pipeline.fill.enabled) {
       throw InvalidInputError("prior depth needs completion, which is off (~completion, ~preset)");
     }
