@@ -236,6 +236,9 @@ void MapperWorker::Process(const KeyframeInput& input) {
 
   const Capture capture = {PrepareFrames(input, true), PrepareCompanions(input)};
   const Frame& frame = *capture.keyframes.front();
+  for (const FramePtr& companion : capture.companions) {
+    if (const auto warning = rig_unit_check_.Add(frame, *companion)) outputs_->Report({"rig_unit", *warning});
+  }
   const double preparation_ms = timer.Lap();
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
