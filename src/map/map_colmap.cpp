@@ -18,7 +18,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// By time, then by mapper; two runs of a mapper may have the same. Without dots, at which some trainers cut names off.
+/// By time, then by mapper, then by a number: the faces of a wide image have the same, and two runs of a mapper may.
+/// Without dots, at which some trainers cut names off.
 std::string ImageNameOf(const PlacedKeyframe& keyframe, std::set<std::string>* names) {
   constexpr int64_t kSecond_ns = 1000000000;
   char stamp[48];
@@ -27,8 +28,9 @@ std::string ImageNameOf(const PlacedKeyframe& keyframe, std::set<std::string>* n
   std::string mapper = keyframe.mapper;
   mapper.erase(0, mapper.find_first_not_of('/'));
   std::replace(mapper.begin(), mapper.end(), '/', '_');
-  std::string name = Concat(stamp, "_", mapper);
-  while (!names->insert(name).second) name += "_again";
+  const std::string first = Concat(stamp, "_", mapper);
+  std::string name = first;
+  for (int number = 2; !names->insert(name).second; ++number) name = Concat(first, "_", number);
   return name + ".jpg";
 }
 

@@ -114,7 +114,7 @@ TEST_F(MapColmapTest, WhatHasNoImageOrPointsIsLeftOutAndCounted) {
   EXPECT_THAT(std::vector<size_t>({written.images, written.without_image, written.without_points}),
               ElementsAre(3, 1, 1));
   const Scene scene = ReadScene(Path());
-  EXPECT_EQ(scene.images[2].name, "1700000000_300000007_acmp_dense_mapper_again.jpg");
+  EXPECT_EQ(scene.images[2].name, "1700000000_300000007_acmp_dense_mapper_2.jpg");
 }
 
 TEST_F(MapColmapTest, ItIsWrittenWholeOrNotAtAll) {
