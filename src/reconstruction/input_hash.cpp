@@ -30,6 +30,12 @@ uint64_t HashOfGeometry(const Scene& scene, const SceneImage& image) {
   hash.Add(c.height);
   hash.Add(static_cast<int>(image.distortion.model));
   for (double value : image.distortion.coefficients) hash.Add(value);
+  if (image.field_of_view != 0) hash.Add(image.field_of_view);
+  if (image.face) {
+    const PinholeCamera& file = image.face->file_camera;
+    for (double value : {file.fx, file.fy, file.cx, file.cy}) hash.Add(value);
+    hash.AddBytes(image.face->lens_from_face.data(), 9 * sizeof(double));
+  }
   hash.AddBytes(image.cam_from_world.matrix().data(), 16 * sizeof(double));
   for (int landmark : image.landmark_indices) {
     hash.AddBytes(scene.landmarks_in_world[landmark].data(), 3 * sizeof(double));

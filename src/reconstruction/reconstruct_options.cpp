@@ -252,6 +252,17 @@ void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
   app->add_option("--image-path", options->image_path, "Folder of the images; by default SCENE/images");
   app->add_option("--images", options->images, "Use only these images, by index from 0: 0,3,7-12");
   app->add_option(
+         "--wide-faces", options->wide_faces,
+         "auto: images of lenses that see more than 120 degrees become several pinhole images with one centre\n"
+         "each, the faces of a cube; off: one each, which loses the rim")
+      ->check(OneOf({"auto", "off"}))
+      ->capture_default_str();
+  app->add_option(
+         "--field-of-view", options->field_of_view,
+         "Degrees from side to side of lenses whose image ends at a circle: what lies outside does not count. 0:\n"
+         "all of the image is seen, up to where the distortion's coefficients hold")
+      ->capture_default_str();
+  app->add_option(
       "--masks", options->masks,
       "Folder of masks, IMAGE_NAME.png as in COLMAP: what is black (moving things, the robot, a sky) is not\n"
       "matched and gets no depth. Images without one count as a whole");
