@@ -7,9 +7,10 @@
 
 The kind of file is told by its keys: VINS (model_type), ORB-SLAM2 and 3 and stella_vslam (Camera.fx, Camera1.fx, Camera),
 OV2SLAM (Camera.fxl), Kalibr (cam0), SVO (cam_model), OKVIS, SVO and maplab (cameras, sensors), EuRoC or Kimera-VIO
-(intrinsics), and OpenCV, ROVIO or camera_calibration (camera_matrix; as XML, too). Lens models become plumb_bob,
-rational_polynomial, equidistant, mei (of VINS' MEI and Kalibr's omni-radtan: D is xi k1 k2 p1 p2) or equirectangular;
-others (double sphere, EUCM, FOV) are refused: rectify those images. Exit code 2: what the file lacks.
+(intrinsics), basalt (value0), and OpenCV, ROVIO or camera_calibration (camera_matrix; as XML, too). Lens models become
+plumb_bob, rational_polynomial, equidistant, mei (of VINS' MEI and Kalibr's omni: D is xi k1 k2 p1 p2), double_sphere
+(xi alpha), eucm (alpha beta; UCM is that with beta 1) or equirectangular; others (FOV) are refused: rectify those images.
+Exit code 2: what the file lacks.
 """
 import argparse
 import math
@@ -21,6 +22,7 @@ import yaml
 
 PLUMB_BOB, RATIONAL, EQUIDISTANT, MEI = "plumb_bob", "rational_polynomial", "equidistant", "mei"
 EQUIRECTANGULAR = "equirectangular"
+DOUBLE_SPHERE, EUCM = "double_sphere", "eucm"
 # By name, in small letters and digits alone.
 MODELS = {"radtan": PLUMB_BOB, "radialtangential": PLUMB_BOB, "plumbbob": PLUMB_BOB, "brownconrady": PLUMB_BOB,
           "radialtangential8": RATIONAL, "rationalpolynomial": RATIONAL, "equidistant": EQUIDISTANT, "equi": EQUIDISTANT,
@@ -223,20 +225,40 @@ def from_kalibr(content, index):
     chain, where = value_of(content, name), name + ": "
     if isinstance(chain, dict) and "cam_model" in chain:
         return from_svo(chain, name, where)
-    is_omni = value_of(chain, "camera_model", where) == "omni"
-    if not (is_omni or is_pinhole(chain["camera_model"])):
-        raise Refused("%scamera_model %r: must be pinhole or omni; rectify the images of others" %
-                      (where, chain["camera_model"]))
-    model = value_of(chain, "distortion_model", where)
-    if is_omni:
-        if MODELS.get(plain(model)) != PLUMB_BOB:
-            raise Refused("%sdistortion_model %r of an omni camera: must be radtan" % (where, model))
-        xi, *intrinsics = numbers(chain, "intrinsics", 5, where)
-        return camera(name, numbers(chain, "resolution", 2, where), intrinsics, MEI,
-                      [xi] + numbers(chain, "distortion_coeffs", 4, where))
-    coefficients = [] if str(model).lower() == "none" else numbers(chain, "distortion_coeffs", where=where)
-    return from_lens_model(name, numbers(chain, "resolution", 2, where), numbers(chain, "intrinsics", 4, where), model,
-                           coefficients, where)
+    kind = str(value_of(chain, "camera_model", where))
+    wide = {"omni": (MEI, 1), "ds": (DOUBLE_SPHERE, 2), "eucm": (EUCM, 2)}  # and how many parameters come first
+    if not (kind in wide or is_pinhole(kind)):
+        raise Refused("%scamera_model %r: must be pinhole, omni, ds or eucm; rectify the images of others" % (where, kind))
+    model, size = value_of(chain, "distortion_model", where), numbers(chain, "resolution", 2, where)
+    is_none = str(model).lower() == "none"
+    if kind in wide:
+        lens, count = wide[kind]
+        if not (is_none or (kind == "omni" and MODELS.get(plain(model)) == PLUMB_BOB)):
+            raise Refused("%sdistortion_model %r of camera_model %s: must be %s" %
+                          (where, model, kind, "radtan or none" if kind == "omni" else "none"))
+        intrinsics = numbers(chain, "intrinsics", count + 4, where)
+        coefficients = ([0.0] * 4 if is_none else numbers(chain, "distortion_coeffs", 4, where)) if kind == "omni" else []
+        return camera(name, size, intrinsics[count:], lens, intrinsics[:count] + coefficients)
+    coefficients = [] if is_none else numbers(chain, "distortion_coeffs", where=where)
+    return from_lens_model(name, size, numbers(chain, "intrinsics", 4, where), model, coefficients, where)
+
+
+def from_basalt(content, index):
+    """`content` is what basalt's calibration.json has as value0."""
+    cameras, sizes, where = value_of(content, "intrinsics"), value_of(content, "resolution"), "intrinsics[%d]: " % index
+    if not isinstance(cameras, list) or not isinstance(sizes, list) or index >= min(len(cameras), len(sizes)):
+        raise Refused("intrinsics and resolution: there is no camera %d" % index)
+    kind, parameters = str(value_of(cameras[index], "camera_type", where)), value_of(cameras[index], "intrinsics", where)
+    lenses = {"ds": (DOUBLE_SPHERE, ("xi", "alpha")), "eucm": (EUCM, ("alpha", "beta")), "ucm": (EUCM, ("alpha",)),
+              "kb4": (EQUIDISTANT, ("k1", "k2", "k3", "k4")), "pinhole": (PLUMB_BOB, ()),
+              "pinhole-radtan8": (RATIONAL, ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"))}
+    if kind not in lenses:
+        raise Refused("%scamera_type %r: must be one of %s; rectify the images of others" % (where, kind, ", ".join(lenses)))
+    model, names = lenses[kind]
+    coefficients = [number(parameters, name, where) for name in names]
+    coefficients += {"ucm": [1.0], "pinhole": [0.0] * 5}.get(kind, [])
+    return camera("cam%d" % index, numbers({"resolution": sizes[index]}, "resolution", 2, where),
+                  [number(parameters, name, where) for name in ("fx", "fy", "cx", "cy")], model, coefficients)
 
 
 def from_svo(content, name, where):
@@ -318,6 +340,8 @@ def convert(text, index=0, size=None):
     rigs = [sensor["cameras"] for sensor in content.get("sensors") or [] if isinstance(sensor, dict) and "cameras" in sensor]
     if "model_type" in content:
         result = from_vins(content, index)
+    elif "value0" in content:
+        result = from_basalt(content["value0"], index)
     elif "Camera.fxl" in content:
         result = from_ov2slam(content, index)
     elif any(key in content for key in ("Camera.fx", "Camera1.fx", "Camera.type", "Camera.model")):
@@ -339,7 +363,7 @@ def convert(text, index=0, size=None):
                 raise Refused("names the cameras' own file: convert %s" % content[key])
         raise Refused("is of no known kind: there is no model_type (VINS), Camera.fx, Camera1.fx or Camera (ORB-SLAM, "
                       "stella_vslam), Camera.fxl (OV2SLAM), cam0 (Kalibr), cam_model (SVO), cameras or sensors (OKVIS, SVO, "
-                      "maplab), intrinsics (EuRoC) or camera_matrix (OpenCV, ROVIO)")
+                      "maplab), intrinsics (EuRoC), value0 (basalt) or camera_matrix (OpenCV, ROVIO)")
     if size:
         result["size"] = size
     check(result)

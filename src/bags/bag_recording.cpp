@@ -33,6 +33,10 @@ RosDistortion DistortionFor(LensDistortion::Model model) {
       return {sensor_msgs::distortion_models::EQUIDISTANT, 4};
     case LensDistortion::Model::kUnified:
       return {kUnifiedModel, 5};
+    case LensDistortion::Model::kExtendedUnified:
+      return {kExtendedUnifiedModel, 2};
+    case LensDistortion::Model::kDoubleSphere:
+      return {kDoubleSphereModel, 2};
     case LensDistortion::Model::kEquirectangular:
       return {kEquirectangularModel, 0};
   }

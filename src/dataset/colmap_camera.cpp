@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 
+#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 #include "colmap_model.h"
 
@@ -10,7 +11,7 @@ namespace acmp {
 namespace {
 
 // Ids and parameter counts of COLMAP's camera models (its documentation, "Camera Models"); 0 parameters: known by name,
-// but OpenCV has no such distortion.
+// but no Lens has such distortion.
 constexpr std::array<ColmapCameraModel, 18> kModels = {{{"SIMPLE_PINHOLE", 0, 1, 3},
                                                         {"PINHOLE", 1, 2, 4},
                                                         {"SIMPLE_RADIAL", 2, 1, 4},
@@ -27,8 +28,8 @@ constexpr std::array<ColmapCameraModel, 18> kModels = {{{"SIMPLE_PINHOLE", 0, 1,
                                                         {"DIVISION", 13, 0, 0},
                                                         {"SIMPLE_FISHEYE", 14, 1, 3},
                                                         {"FISHEYE", 15, 2, 4},
-                                                        {"EUCM", 16, 0, 0},
-                                                        {"EQUIRECTANGULAR", 17, 0, 0}}};
+                                                        {"EUCM", 16, 2, 6},
+                                                        {"EQUIRECTANGULAR", 17, 0, 2}}};
 
 std::string SupportedNames() {
   std::string names;
@@ -55,6 +56,7 @@ LensDistortion MakeDistortion(const std::string& name, std::vector<double> coeff
     coefficients.resize(4, 0.0);
     distortion.model = LensDistortion::Model::kEquidistant;
   } else {
+    if (name == "EUCM") return {LensDistortion::Model::kExtendedUnified, std::move(coefficients)};
     const bool none = std::all_of(coefficients.begin(), coefficients.end(), [](double c) { return c == 0; });
     if (none) return distortion;
     distortion.model = name == "FULL_OPENCV" ? LensDistortion::Model::kRational : LensDistortion::Model::kBrownConrady;
@@ -91,6 +93,18 @@ ColmapCamera MakeColmapCamera(const std::string& where, const ColmapCameraModel&
   const std::string name = model.name;
   const auto focal_lengths = static_cast<size_t>(model.focal_lengths);
   ColmapCamera result;
+  if (name == "EQUIRECTANGULAR") {  // its parameters are the size once more
+    const double px_per_rad = static_cast<double>(width) / (360 * kRadPerDeg<double>);
+    result.camera = {static_cast<int>(width),
+                     static_cast<int>(height),
+                     px_per_rad,
+                     px_per_rad,
+                     0.5 * static_cast<double>(width) - 0.5,
+                     0.5 * static_cast<double>(height) - 0.5};
+    result.distortion.model = LensDistortion::Model::kEquirectangular;
+    CheckLens(where, result.camera, result.distortion);
+    return result;
+  }
   result.camera = {static_cast<int>(width),       static_cast<int>(height),        parameters[0],
                    parameters[focal_lengths - 1], parameters[focal_lengths] - 0.5, parameters[focal_lengths + 1] - 0.5};
   CheckCamera(where.c_str(), result.camera);

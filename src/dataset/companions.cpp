@@ -71,7 +71,7 @@ Mask ReadMask(const fs::path& path) { return ToMask(ReadColorImage(path)); }
 Mask ReadMask(const fs::path& path, const ImageSize& of_image) { return ToMask(ReadColorImage(path, of_image)); }
 
 Mask ReadMaskOf(const SceneImage& image) {
-  return image.mask.empty() ? Mask() : ReadMask(image.mask, {image.camera.width, image.camera.height});
+  return image.mask.empty() ? Mask() : ReadMask(image.mask, {FileCamera(image).width, FileCamera(image).height});
 }
 
 Mask LoadMask(const SceneImage& image) { return RectifierOf(image)->RectifyMask(ReadMaskOf(image)); }

@@ -6,6 +6,7 @@
 #include <deque>
 #include <memory>
 #include <mutex>
+#include <numeric>
 #include <set>
 #include <sstream>
 
@@ -112,23 +113,74 @@ std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& i
   return landmarks;
 }
 
+const PinholeCamera& FileCamera(const SceneImage& image) { return image.face ? image.face->file_camera : image.camera; }
+
 std::shared_ptr<const Rectifier> RectifierOf(const SceneImage& image) {
   static std::mutex mutex;
   static std::deque<std::shared_ptr<const Rectifier>> newest;
-  constexpr size_t kCameras = 4;  // each has 6 bytes per pixel
+  constexpr size_t kPixels = 100'000'000;  // each has 6 bytes per pixel
+  const Lens lens(FileCamera(image), image.distortion, image.field_of_view);
+  const PinholeFace face = {"", image.camera, image.face ? image.face->lens_from_face : Eigen::Matrix3d::Identity()};
   const std::lock_guard<std::mutex> lock(mutex);
   for (const auto& known : newest) {
-    if (known->lens().camera() == image.camera && known->lens().distortion() == image.distortion) return known;
+    if (known->lens() == lens && known->face() == face) return known;
   }
-  newest.push_back(std::make_shared<Rectifier>(Lens(image.camera, image.distortion)));
-  if (newest.size() > kCameras) newest.pop_front();
+  newest.push_back(std::make_shared<Rectifier>(lens, face));
+  const auto add = [](size_t sum, const auto& known) {
+    return sum + static_cast<size_t>(known->face().camera.width) * static_cast<size_t>(known->face().camera.height);
+  };
+  while (newest.size() > 1 && std::accumulate(newest.begin(), newest.end(), size_t{0}, add) > kPixels) {
+    newest.pop_front();
+  }
   return newest.back();
+}
+
+void SplitWideImages(Scene* scene) {
+  std::vector<SceneImage> images;
+  std::set<std::string> names;
+  for (SceneImage& image : scene->images) {
+    std::vector<PinholeFace> faces;
+    if (image.distortion.model != LensDistortion::Model::kNone) {
+      faces = FacesOf(Lens(image.camera, image.distortion, image.field_of_view));
+    }
+    const bool is_wide = faces.size() > 1;
+    if (!is_wide) faces = {{"", image.camera}};
+    for (const PinholeFace& face : faces) {
+      SceneImage& part = images.emplace_back(image);
+      if (is_wide) {
+        const std::filesystem::path file(image.name);
+        part.face = FaceOfImage{image.camera, face.lens_from_face};
+        part.camera = face.camera;
+        part.cam_from_world = RigidTransform(face.lens_from_face.transpose()) * image.cam_from_world;
+        if (!face.name.empty()) {
+          const std::string name = Concat(file.stem().string(), "_face_", face.name, file.extension().string());
+          part.name = (file.parent_path() / name).string();
+        }
+      }
+      if (!names.insert(part.name).second) {
+        throw InvalidInputError(Concat("two images would have the name ", part.name, ", which is that of a face of ",
+                                       "a wide image: rename the other file"));
+      }
+    }
+  }
+  scene->images = std::move(images);
+}
+
+std::pair<int, int> ImagesOfFile(const Scene& scene, int index) {
+  const std::vector<SceneImage>& images = scene.images;
+  const auto is_of_file = [&](size_t i) {
+    return images[i].face && images[i].path == images[static_cast<size_t>(index)].path;
+  };
+  auto first = static_cast<size_t>(index), last = first + 1;
+  while (images[first].face && first > 0 && is_of_file(first - 1)) --first;
+  while (images[first].face && last < images.size() && is_of_file(last)) ++last;
+  return {static_cast<int>(first), static_cast<int>(last)};
 }
 
 ColorImage LoadImage(const Scene& scene, int index) {
   CheckRange("image index", index, 0, static_cast<int>(scene.images.size()) - 1);
   const SceneImage& image = scene.images[index];
-  return ReadColorImage(image.path, {image.camera.width, image.camera.height});
+  return ReadColorImage(image.path, {FileCamera(image).width, FileCamera(image).height});
 }
 
 Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options) {

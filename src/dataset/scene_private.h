@@ -16,6 +16,9 @@ bool LooksLikeMvsnet(const std::filesystem::path& root);
 Scene ReadMvsnetScene(const std::filesystem::path& root, const std::filesystem::path& image_folder,
                       PixelCenters centers);
 
+/// Of the file as stored.
+const PinholeCamera& FileCamera(const SceneImage& image);
+
 /// Takes the lens distortion out of the image. Kept for the next images of the same camera, as its maps take time.
 std::shared_ptr<const Rectifier> RectifierOf(const SceneImage& image);
 

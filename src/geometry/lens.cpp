@@ -75,6 +75,17 @@ double Lens::Radius(double angle) const {
       r = std::sin(angle) / depth;
       break;
     }
+    case Model::kExtendedUnified: {
+      const double alpha = k_[0], z = std::cos(angle), x = std::sin(angle);
+      const double depth = alpha * std::sqrt(k_[1] * x * x + z * z) + (1 - alpha) * z;
+      return depth > 0 ? x / depth : -1;
+    }
+    case Model::kDoubleSphere: {
+      if (!(k_[0] > -1)) return -1;  // the axis would not be seen in the middle
+      const double alpha = k_[1], z = std::cos(angle) + k_[0], x = std::sin(angle);
+      const double depth = alpha * std::sqrt(x * x + z * z) + (1 - alpha) * z;
+      return depth > 0 ? x / depth : -1;
+    }
     default:
       r = std::tan(angle);
   }
@@ -104,7 +115,9 @@ std::optional<Eigen::Vector2d> Lens::Project(const Eigen::Vector3d& ray) const {
     case Model::kEquirectangular:
       seen = {std::atan2(ray.x(), ray.z()), std::asin(std::clamp(ray.y() / length, -1.0, 1.0))};
       break;
-    case Model::kEquidistant: {
+    case Model::kEquidistant:
+    case Model::kExtendedUnified:
+    case Model::kDoubleSphere: {
       const double sine = ray.head<2>().norm();
       seen = ray.head<2>() * (sine > 0 ? Radius(std::atan2(sine, ray.z())) / sine : 1 / length);
       break;
@@ -167,6 +180,15 @@ double Lens::FieldOfView() const {
   return std::max(across, down) / kRadPerDeg<double>;
 }
 
+PinholeCamera Lens::Undistorted() const {
+  PinholeCamera camera = camera_;
+  if (distortion_.model == Model::kUnified || distortion_.model == Model::kDoubleSphere) {
+    camera.fx /= 1 + k_[0];  // sin(a) / (cos(a) + xi), for small angles
+    camera.fy /= 1 + k_[0];
+  }
+  return camera;
+}
+
 void CheckLens(const std::string& name, const PinholeCamera& camera, const LensDistortion& distortion,
                double field_of_view) {
   try {
@@ -177,12 +199,12 @@ void CheckLens(const std::string& name, const PinholeCamera& camera, const LensD
 }
 
 std::vector<PinholeFace> FacesOf(const Lens& lens) {
-  if (lens.FieldOfView() <= kWideFieldOfView) return {{"", lens.camera()}};
+  if (lens.FieldOfView() <= kWideFieldOfView) return {{"", lens.Undistorted()}};
   constexpr double kHalfWidth = 1.1;   // at z = 1: 3 degrees more than to the edge, so that windows there are whole
   constexpr double kLeastShare = 0.2;  // of a face: 15 degrees beyond the edge of the one ahead
   constexpr int kCells = 64;
   const PinholeCamera& c = lens.camera();
-  const double focal = std::min(c.fx, c.fy);
+  const double focal = std::min(lens.Undistorted().fx, lens.Undistorted().fy);
   const int size = std::max(2, static_cast<int>(std::ceil(2 * kHalfWidth * focal)));
   const PinholeCamera whole = {size, size, focal, focal, 0.5 * (size - 1), 0.5 * (size - 1)};
   std::vector<PinholeFace> faces = {{"", whole},   {"left", whole}, {"right", whole},

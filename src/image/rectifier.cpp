@@ -107,7 +107,14 @@ DepthMap Rectifier::RectifyDepth(const DepthMap& depth) const {
   DepthMap rectified(face_.camera.width, face_.camera.height);
   cv::Mat target = AsMat(rectified);
   // As interpolation would invent depths at edges.
-  cv::remap(AsMat(taken), target, maps().x, maps().y, cv::INTER_NEAREST, cv::BORDER_CONSTANT);
+  cv::remap(AsMat(taken), target, maps().x, maps().y, cv::INTER_NEAREST, Border());
+  if (face_.camera == lens_.Undistorted()) return rectified;
+  for (int row = 0; row < rectified.height(); ++row) {
+    for (int col = 0; col < rectified.width(); ++col) {
+      const Eigen::Vector3d ray = face_.camera.Unproject({static_cast<double>(col), static_cast<double>(row)});
+      rectified(col, row) /= static_cast<float>(ray.norm());  // z of the ray is 1
+    }
+  }
   return rectified;
 }
 

@@ -246,8 +246,8 @@ def reconstruct(
 def read_scene(folder: str, *, format: str = "auto", pixel_centers: str = "integer", masks: str = "") -> dict[str, Any]:
     """Reads a folder with a COLMAP model or the layout of MVSNet and ACMP, as acmp_reconstruct does.
 
-    reconstruct(**read_scene(folder)) does the whole folder. Images with lens distortion are undistorted. All images are in
-    memory: 3 bytes per pixel.
+    reconstruct(**read_scene(folder)) does the whole folder. Images with lens distortion are undistorted, and those of more
+    than 120 degrees become several each, the faces of a cube. All images are in memory: 3 bytes per pixel.
 
     Args:
       folder: of the scene.

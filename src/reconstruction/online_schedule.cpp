@@ -1,5 +1,6 @@
 #include <exception>
 #include <map>
+#include <utility>
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
@@ -24,15 +25,19 @@ class OnlineSchedule {
 
   void Run() {
     const FrameOptions frame_options = MakeFrameOptions(run_.options);
-    for (const ImagePlan& image : run_.plan.images) {
+    Capture capture;  // of the faces of a wide image
+    for (size_t i = 0; i < run_.plan.images.size(); ++i) {
       Timer timer;
-      auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, image.index, frame_options));
+      auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, run_.plan.images[i].index, frame_options));
       // What a PointCloud2 carries is in float: with the same bits the nodelet's maps are the same.
       for (Eigen::Vector3d& p : frame->landmarks_in_world) p -= run_.plan.origin;
       frame->landmarks_in_world = RoundedToFloat(frame->landmarks_in_world);
       for (Eigen::Vector3d& p : frame->landmarks_in_world) p += run_.plan.origin;
       run_.times.reading_ms += timer.Lap();
-      mapper_.AddKeyframe(std::move(frame));
+      capture.keyframes.push_back(std::move(frame));
+      const int last = ImagesOfFile(run_.scene, run_.plan.images[i].index).second;
+      if (i + 1 < run_.plan.images.size() && run_.plan.images[i + 1].index < last) continue;
+      mapper_.AddCapture(std::exchange(capture, {}));
       CheckOutcome();
       run_.progress.Step();
     }

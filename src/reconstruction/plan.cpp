@@ -68,6 +68,14 @@ void Extend(const std::optional<DepthRange>& range, DepthRange* all) {
   all->max = std::max(all->max, range->max);
 }
 
+std::optional<DepthRange> LandmarkRange(const Scene& scene, const SceneImage& image) {
+  std::vector<Eigen::Vector3d> landmarks = LandmarksOf(scene, image);
+  if (!image.mask.empty()) {
+    landmarks = WithoutMasked(std::move(landmarks), image.camera, image.cam_from_world, LoadMask(image));
+  }
+  return DepthRangeFromLandmarks(landmarks, image.camera, image.cam_from_world, DepthRangeOptions());
+}
+
 std::string NoRange(const SceneImage& image) {
   return Concat("no depth range: the dataset names none, and of its ", image.landmark_indices.size(),
                 " landmarks fewer than ", DepthRangeOptions().min_landmarks,
@@ -90,11 +98,13 @@ std::optional<DepthRange> FindDepthRange(const Scene& scene, int index, const Re
   const bool given = options.depth_min && options.depth_max;
   std::optional<DepthRange> range = DatasetRange(image);
   if (!range && !given) {
-    std::vector<Eigen::Vector3d> landmarks = LandmarksOf(scene, image);
-    if (!image.mask.empty()) {
-      landmarks = WithoutMasked(std::move(landmarks), image.camera, image.cam_from_world, LoadMask(image));
+    range = LandmarkRange(scene, image);
+    if (!range && image.face) {  // then those of the other faces, which look into the same surroundings
+      DepthRange all;
+      const auto [first, last] = ImagesOfFile(scene, index);
+      for (int i = first; i < last; ++i) Extend(LandmarkRange(scene, scene.images[static_cast<size_t>(i)]), &all);
+      if (all.max > 0) range = all;
     }
-    range = DepthRangeFromLandmarks(landmarks, image.camera, image.cam_from_world, DepthRangeOptions());
   }
   if (!range && !given) return std::nullopt;
   DepthRange result = range.value_or(DepthRange());

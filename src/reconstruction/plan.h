@@ -13,16 +13,20 @@
 
 namespace acmp {
 
-/// Gives the scene's images the masks of --masks, says how many have one, and reads those of `indices` once, so that a
-/// bad one is found now. Returns the indices of the images that are of use: a warning names those of which their mask
-/// ignores every pixel. Throws InvalidInputError as AddMasks and LoadMask do, and where no image is of use.
-std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<int>& indices, Scene* scene,
+/// Reads the scene of the options, with masks and depth maps from outside; wide images are split into faces. Throws
+/// InvalidInputError as ReadScene, AddMasks, AddPriorDepths, CheckLens and SplitWideImages do.
+Scene ReadSceneInput(const ReconstructOptions& options);
+
+/// Says how many images have masks, and reads those of `indices` once, so that a bad one is found now. Returns the
+/// indices of the images that are of use: a warning names those of which their mask ignores every pixel. Throws
+/// InvalidInputError as LoadMask does, and where no image is of use.
+std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<int>& indices, const Scene& scene,
                            Progress* progress);
 
-/// Gives the scene's images the depth maps of --prior-depth and says how many of `indices` have one; a warning names
-/// those without any depth. Throws InvalidInputError as AddPriorDepths and ReadPriorDepthOf do.
-void TakePriorDepths(const ReconstructOptions& options, const std::vector<int>& indices, Scene* scene,
-                     Progress* progress);
+/// Says how many of `indices` have a depth map from outside; a warning names those without any depth. Throws
+/// InvalidInputError as ReadPriorDepthOf does.
+void CheckPriorDepths(const ReconstructOptions& options, const std::vector<int>& indices, const Scene& scene,
+                      Progress* progress);
 
 /// Of the content of an image's files: itself, its mask, its prior depth. Reads them, without decoding.
 uint64_t HashOfFiles(const SceneImage& image);

@@ -87,14 +87,16 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   const bool plans = !options.plan.empty();
   std::future<std::vector<ReconstructDevice>> devices_to_come =
       std::async(plans ? std::launch::deferred : std::launch::async, context.make_devices);
-  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers),
-                          options.image_path);
+  Scene scene = ReadSceneInput(options);
   Progress progress(&context.log, ProgressStyleFor(options.quiet, context.log_is_terminal));
   StopRequest& interrupt = context.interrupt;
   std::ostream* const out = &context.out;
   for (const std::string& warning : scene.warnings) progress.Warn(warning);
-  const std::vector<int> indices = TakeMasks(options, ChosenImages(scene, options.images), &scene, &progress);
-  TakePriorDepths(options, indices, &scene, &progress);
+  const auto faces = std::count_if(scene.images.begin(), scene.images.end(),
+                                   [](const SceneImage& image) { return image.face.has_value(); });
+  if (faces > 0) progress.Note(Concat(faces, " of ", scene.images.size(), " images are faces of wide ones"));
+  const std::vector<int> indices = TakeMasks(options, ChosenImages(scene, options.images), scene, &progress);
+  CheckPriorDepths(options, indices, scene, &progress);
   if (options.colmap) ColmapOutput::CheckNames(scene, indices);
   ReconstructPlan plan = MakePlan(scene, indices, options);
   interrupt.Check();

@@ -181,10 +181,8 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
 
 std::vector<InputImage> ReadInputImages(const ReconstructOptions& options, const StopRequest& interrupt,
                                         std::vector<std::string>* warnings) {
-  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers),
-                          options.image_path);
+  const Scene scene = ReadSceneInput(options);
   *warnings = scene.warnings;
-  if (!options.masks.empty()) AddMasks(options.masks, &scene);
   std::vector<InputImage> images(scene.images.size());
   tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) {
     Frame frame = LoadFrame(scene, static_cast<int>(i));

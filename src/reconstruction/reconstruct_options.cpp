@@ -66,6 +66,13 @@ OptionList OptionsOf(ReconstructOptions* o) {
             "Of mvsnet: where K has the centre of the first pixel, integer: (0, 0), half: (0.5, 0.5), as K of COLMAP\n"
             "that was copied (colmap2mvsnet.py)")
       .choices = {"integer", "half"};
+  list.Text("--wide-faces", &o->wide_faces,
+            "auto: images of lenses that see more than 120 degrees become several pinhole images with one centre\n"
+            "each, the faces of a cube; off: one each, which loses the rim")
+      .choices = {"auto", "off"};
+  list.Number("--field-of-view", &o->field_of_view, 0, 360, "deg",
+              "From side to side, of lenses whose image ends at a circle: what lies outside does not count. 0:\n"
+              "all of the image is seen, up to where the distortion's coefficients hold");
 
   list.Group("Matching");
   list.Text("--preset", &o->preset,

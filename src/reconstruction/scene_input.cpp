@@ -16,11 +16,22 @@
 namespace acmp {
 namespace {
 
-std::vector<PosedImage> PosedImages(const ReconstructPlan& plan, const Scene& scene, int max_size) {
+/// The images of the plan whose poses are refined: of the faces of a wide image, which share its pose, the first.
+std::vector<int> PosedImages(const ReconstructPlan& plan, const Scene& scene) {
+  std::vector<int> indices;
+  for (const ImagePlan& image : plan.images) {
+    if (indices.empty() || indices.back() < ImagesOfFile(scene, image.index).first) indices.push_back(image.index);
+  }
+  return indices;
+}
+
+std::vector<PosedImage> WithSources(const std::vector<int>& indices, const ReconstructPlan& plan, const Scene& scene,
+                                    int max_size) {
   std::map<int, int> positions;
-  for (const ImagePlan& image : plan.images) positions.emplace(image.index, static_cast<int>(positions.size()));
+  for (int index : indices) positions.emplace(index, static_cast<int>(positions.size()));
   std::vector<PosedImage> images;
-  for (const ImagePlan& planned : plan.images) {
+  for (int index : indices) {
+    const ImagePlan& planned = *plan.Find(index);
     const SceneImage& image = scene.images[static_cast<size_t>(planned.index)];
     PosedImage posed;
     posed.id = planned.index;
@@ -29,7 +40,9 @@ std::vector<PosedImage> PosedImages(const ReconstructPlan& plan, const Scene& sc
     posed.camera = image.camera.Resized(width, height);
     posed.cam_from_world = image.cam_from_world;
     posed.depth_range = planned.range;
-    for (int source : planned.sources) posed.sources.push_back(positions.at(source));
+    for (int source : planned.sources) {
+      if (const auto found = positions.find(source); found != positions.end()) posed.sources.push_back(found->second);
+    }
     images.push_back(std::move(posed));
   }
   return images;
@@ -104,6 +117,12 @@ void AddGeometry(const Scene& scene, const SceneImage& image, Hash* hash) {
   hash->Add(c.height);
   hash->Add(static_cast<int>(image.distortion.model));
   for (double value : image.distortion.coefficients) hash->Add(value);
+  if (image.field_of_view != 0) hash->Add(image.field_of_view);
+  if (image.face) {
+    const PinholeCamera& file = image.face->file_camera;
+    for (double value : {file.fx, file.fy, file.cx, file.cy}) hash->Add(value);
+    hash->AddBytes(image.face->lens_from_face.data(), 9 * sizeof(double));
+  }
   hash->AddBytes(image.cam_from_world.matrix().data(), 16 * sizeof(double));
   for (int landmark : image.landmark_indices) {
     hash->AddBytes(scene.landmarks_in_world[static_cast<size_t>(landmark)].data(), 3 * sizeof(double));
@@ -115,13 +134,40 @@ void AddGeometry(const Scene& scene, const SceneImage& image, Hash* hash) {
   hash->Add(image.ranked_sources.size());
 }
 
+/// Gives all faces of a wide image the pose of one of them.
+void MoveFile(int index, const RigidTransform& cam_from_world, Scene* scene) {
+  const auto rotation = [&](int i) {
+    const auto& face = scene->images[static_cast<size_t>(i)].face;
+    return face ? face->lens_from_face : Eigen::Matrix3d::Identity();
+  };
+  const auto [first, last] = ImagesOfFile(*scene, index);
+  for (int i = first; i < last; ++i) {
+    const RigidTransform face_from_given(Eigen::Matrix3d(rotation(i).transpose() * rotation(index)));
+    scene->images[static_cast<size_t>(i)].cam_from_world =
+        i == index ? cam_from_world : face_from_given * cam_from_world;
+  }
+}
+
 }  // namespace
 
-std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<int>& indices, Scene* scene,
+Scene ReadSceneInput(const ReconstructOptions& options) {
+  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers),
+                          options.image_path);
+  if (!options.masks.empty()) AddMasks(options.masks, &scene);
+  if (!options.prior_depth.empty()) AddPriorDepths(options.prior_depth, &scene);
+  for (SceneImage& image : scene.images) {
+    if (options.field_of_view == 0 || image.distortion.model == LensDistortion::Model::kNone) continue;
+    image.field_of_view = options.field_of_view;
+    CheckLens(image.path.string(), image.camera, image.distortion, image.field_of_view);
+  }
+  if (options.wide_faces == "auto") SplitWideImages(&scene);
+  return scene;
+}
+
+std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<int>& indices, const Scene& scene,
                            Progress* progress) {
   if (options.masks.empty()) return indices;
-  AddMasks(options.masks, scene);
-  const auto image = [&](size_t i) -> const SceneImage& { return scene->images[static_cast<size_t>(indices[i])]; };
+  const auto image = [&](size_t i) -> const SceneImage& { return scene.images[static_cast<size_t>(indices[i])]; };
   std::vector<char> is_of_use(indices.size(), 1);
   tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
     if (!image(i).mask.empty() && IgnoresAll(LoadMask(image(i)))) is_of_use[i] = 0;
@@ -144,11 +190,10 @@ std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<
   return of_use;
 }
 
-void TakePriorDepths(const ReconstructOptions& options, const std::vector<int>& indices, Scene* scene,
-                     Progress* progress) {
+void CheckPriorDepths(const ReconstructOptions& options, const std::vector<int>& indices, const Scene& scene,
+                      Progress* progress) {
   if (options.prior_depth.empty()) return;
-  AddPriorDepths(options.prior_depth, scene);
-  const auto image = [&](size_t i) -> SceneImage& { return scene->images[static_cast<size_t>(indices[i])]; };
+  const auto image = [&](size_t i) -> const SceneImage& { return scene.images[static_cast<size_t>(indices[i])]; };
   std::vector<char> is_empty(indices.size(), 0);
   tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
     if (image(i).prior_depth.empty()) return;
@@ -172,15 +217,16 @@ void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& opt
                       Scene* scene, Progress* progress) {
   if (options.pose_refinement.refine == RefinePoses::kOff || options.online()) return;
   progress->Note("refining poses");
+  const std::vector<int> indices = PosedImages(plan, *scene);
   const FrameOptions frame_options = {options.max_image_size};
   const auto load = [&](size_t i) {
-    Frame frame = LoadFrame(*scene, plan.images[i].index, frame_options);
+    Frame frame = LoadFrame(*scene, indices[i], frame_options);
     return ImagePixels{std::move(frame.gray), std::move(frame.mask)};
   };
-  const PoseRefinement refinement = RefineImagePoses(PosedImages(plan, *scene, options.max_image_size), load,
+  const PoseRefinement refinement = RefineImagePoses(WithSources(indices, plan, *scene, options.max_image_size), load,
                                                      options.pose_refinement, [&] { interrupt.Check(); });
-  for (const RefinedPose& pose : refinement.poses) {
-    scene->images[static_cast<size_t>(pose.id)].cam_from_world = pose.cam_from_world;
+  if (refinement.changed) {
+    for (const RefinedPose& pose : refinement.poses) MoveFile(static_cast<int>(pose.id), pose.cam_from_world, scene);
   }
   progress->Note(Describe(refinement, scene->images[static_cast<size_t>(plan.images.front().index)].camera));
 }

@@ -29,18 +29,28 @@ std::string RelativePath(const std::filesystem::path& path, const std::filesyste
   return relative.empty() || *relative.begin() == ".." ? path.string() : relative.string();
 }
 
+Json ToJson(const PinholeCamera& c) { return {c.width, c.height, c.fx, c.fy, c.cx, c.cy}; }
+
+PinholeCamera CameraOf(const Json& json) {
+  return {json.at(0), json.at(1), json.at(2), json.at(3), json.at(4), json.at(5)};
+}
+
 Json ToJson(const SceneImage& image, const std::filesystem::path& root) {
-  const PinholeCamera& c = image.camera;
   const double* pose = image.cam_from_world.matrix().data();
-  return {{"name", image.name},
-          {"path", RelativePath(image.path, root)},
-          {"mask", image.mask.string()},
-          {"prior_depth", image.prior_depth.string()},
-          {"camera", {c.fx, c.fy, c.cx, c.cy}},
-          {"size", {c.width, c.height}},
-          {"distortion", static_cast<int>(image.distortion.model)},
-          {"coefficients", image.distortion.coefficients},
-          {"pose", std::vector<double>(pose, pose + 16)}};
+  Json json = {{"name", image.name},
+               {"path", RelativePath(image.path, root)},
+               {"mask", image.mask.string()},
+               {"prior_depth", image.prior_depth.string()},
+               {"camera", ToJson(image.camera)},
+               {"distortion", static_cast<int>(image.distortion.model)},
+               {"coefficients", image.distortion.coefficients},
+               {"field_of_view", image.field_of_view},
+               {"pose", std::vector<double>(pose, pose + 16)}};
+  if (!image.face) return json;
+  const double* rotation = image.face->lens_from_face.data();
+  json["face"] = {{"file_camera", ToJson(image.face->file_camera)},
+                  {"rotation", std::vector<double>(rotation, rotation + 9)}};
+  return json;
 }
 
 SceneImage ImageOf(const Json& json, const std::filesystem::path& root) {
@@ -49,11 +59,16 @@ SceneImage ImageOf(const Json& json, const std::filesystem::path& root) {
   image.path = root / json.at("path").get<std::string>();
   image.mask = json.at("mask").get<std::string>();
   image.prior_depth = json.at("prior_depth").get<std::string>();
-  const Json& camera = json.at("camera");
-  const Json& size = json.at("size");
-  image.camera = {size.at(0), size.at(1), camera.at(0), camera.at(1), camera.at(2), camera.at(3)};
+  image.camera = CameraOf(json.at("camera"));
   image.distortion.model = static_cast<LensDistortion::Model>(json.at("distortion").get<int>());
   image.distortion.coefficients = json.at("coefficients").get<std::vector<double>>();
+  image.field_of_view = json.at("field_of_view");
+  if (json.contains("face")) {
+    const Json& face = json.at("face");
+    image.face.emplace().file_camera = CameraOf(face.at("file_camera"));
+    const std::vector<double> rotation = face.at("rotation").get<std::vector<double>>();
+    std::copy_n(rotation.begin(), 9, image.face->lens_from_face.data());
+  }
   const std::vector<double> pose = json.at("pose").get<std::vector<double>>();
   std::copy_n(pose.begin(), 16, image.cam_from_world.matrix().data());
   return image;

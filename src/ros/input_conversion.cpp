@@ -34,6 +34,8 @@ const DistortionModel* FindModel(const std::string& name) {
        4,
        {"equidistant", "equi", "fisheye", "kannalabrandt", "kannalabrandt4", "kannalabrandt8"}},
       {Model::kUnified, 5, 5, {kUnifiedModel, "unified", "omnidirectional", "omni", "omniradtan"}},
+      {Model::kExtendedUnified, 2, 2, {kExtendedUnifiedModel, "extendedunified", "enhancedunified"}},
+      {Model::kDoubleSphere, 2, 2, {"doublesphere", "ds"}},
       {Model::kEquirectangular, 0, 0, {kEquirectangularModel, "spherical"}}};
   std::string plain;
   for (const unsigned char c : name) {
@@ -60,8 +62,8 @@ LensDistortion ToDistortion(const sensor_msgs::CameraInfo& info) {
   if (found == nullptr) {
     throw InvalidInputError(
         Concat("camera_info distortion_model = \"", info.distortion_model,
-               "\": must be plumb_bob, rational_polynomial, equidistant, mei or equirectangular; of "
-               "other lenses give the rectified images (rectified: true)"));
+               "\": must be plumb_bob, rational_polynomial, equidistant, mei, eucm, double_sphere or "
+               "equirectangular; of other lenses give the rectified images (rectified: true)"));
   }
   const DistortionModel& model = *found;
   for (const double d : info.D) {

@@ -244,6 +244,9 @@ void MapperWorker::Process(const KeyframeInput& input) {
 
   const Capture capture = {PrepareFrames(input, true), PrepareCompanions(input)};
   const Frame& frame = *capture.keyframes.front();
+  for (const FramePtr& companion : capture.companions) {
+    if (const auto warning = rig_unit_check_.Add(frame, *companion)) outputs_->Report({"rig_unit", *warning});
+  }
   const double preparation_ms = timer.Lap();
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
@@ -317,9 +320,6 @@ Mask MapperWorker::MaskOf(const KeyframeInput& input) {
 DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
   if (!input.prior_depth) return {};
   try {
-    if (camera_.rectifiers.size() > 1) {
-      throw InvalidInputError("prior depth of an image that becomes several (~wide_faces) is not used");
-    }
     if (!options_->Get().mapper.pipeline.fill.enabled) {
       throw InvalidInputError("prior depth needs completion, which is off (~completion, ~preset)");
     }

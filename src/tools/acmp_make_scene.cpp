@@ -42,7 +42,7 @@ void AddOptions(CLI::App* app, MakeSceneArguments* a) {
                 "mask of it for each image");
   app->add_option("--field-of-view", a->scene.field_of_view,
                   "Degrees, 121 to 240, of a fisheye whose circle fills the image's shorter side: images/, a COLMAP "
-                  "model (OPENCV_FISHEYE) and surface.ply are written, for acmp_make_bag");
+                  "model (OPENCV_FISHEYE) and surface.ply are written, for acmp_reconstruct and acmp_make_bag");
   app->add_flag("--overwrite", a->overwrite, "Write into a folder that is not empty");
 }
 

@@ -208,6 +208,8 @@ TEST(ToCameraInfo, NamesTheDistortion) {
   EXPECT_EQ(info(LensDistortion::Model::kEquidistant, {1, 2, 3, 4}).distortion_model, "equidistant");
   EXPECT_THROW(info(LensDistortion::Model::kEquidistant, {1, 2, 3, 4, 5}), InvalidInputError);
   EXPECT_EQ(info(LensDistortion::Model::kUnified, {1, 2, 3, 4, 5}).distortion_model, "mei");
+  EXPECT_EQ(info(LensDistortion::Model::kExtendedUnified, {1, 2}).distortion_model, "eucm");
+  EXPECT_EQ(info(LensDistortion::Model::kDoubleSphere, {1, 2}).distortion_model, "double_sphere");
   EXPECT_EQ(info(LensDistortion::Model::kEquirectangular, {}).distortion_model, "equirectangular");
 }
 

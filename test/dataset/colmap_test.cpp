@@ -113,6 +113,7 @@ TEST_F(ColmapTest, EveryCameraModelMapsToOpenCv) {
       {"SIMPLE_RADIAL_FISHEYE", 8, {30, 16, 12, 0}, 30, Model::kEquidistant, {0, 0, 0, 0}},
       {"SIMPLE_FISHEYE", 14, {30, 16, 12}, 30, Model::kEquidistant, {0, 0, 0, 0}},
       {"FISHEYE", 15, {30, 31, 16, 12}, 31, Model::kEquidistant, {0, 0, 0, 0}},
+      {"EUCM", 16, {30, 31, 16, 12, 0.6, 1.1}, 31, Model::kExtendedUnified, {0.6, 1.1}},
       {"RADIAL_FISHEYE", 9, {30, 16, 12, 0.1, 0.2}, 30, Model::kEquidistant, {0.1, 0.2, 0, 0}}};
   const std::string text_cameras = cameras;
   for (const CameraCase& c : cases) {
@@ -133,8 +134,18 @@ TEST_F(ColmapTest, EveryCameraModelMapsToOpenCv) {
   }
 }
 
+TEST_F(ColmapTest, APanoramaIsItsSizeAlone) {
+  cameras = "1 EQUIRECTANGULAR 32 16 32 16\n";
+  const SceneImage image = ReadColmap().images[0];
+  EXPECT_EQ(image.distortion.model, Model::kEquirectangular);
+  // COLMAP: x = (atan2(u, w) / (2 pi) + 0.5) * width, with pixel centres at +0.5.
+  EXPECT_NEAR(Lens(image.camera, image.distortion).Project({1, 0, 0})->x(), 0.75 * 32 - 0.5, 1e-9);
+  cameras = "1 EQUIRECTANGULAR 32 24 32 24\n";
+  EXPECT_THAT(TextError(), AllOf(HasSubstr("cameras.txt:1"), HasSubstr("twice as wide as high")));
+}
+
 TEST_F(ColmapTest, OtherCameraModelsAreRefusedByName) {
-  for (const char* name : {"FOV", "THIN_PRISM_FISHEYE", "EUCM", "MY_OWN"}) {
+  for (const char* name : {"FOV", "THIN_PRISM_FISHEYE", "DIVISION", "MY_OWN"}) {
     cameras = std::string("1 ") + name + " 32 24 30 31 16 12 0.1\n";
     EXPECT_THAT(TextError(), HasAll("cameras.txt:1", name, "OPENCV_FISHEYE"));
   }

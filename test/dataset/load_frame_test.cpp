@@ -217,5 +217,91 @@ TEST_F(PriorDepthsTest, WhatIsNoneIsRefused) {
   EXPECT_REFUSED(LoadFrame(scene, 0), "000000.pfm");
 }
 
+class WideSceneTest : public SceneFixture {
+ protected:
+  /// 183 degrees from left to right and 138 from top to bottom.
+  WideSceneTest() {
+    cameras = Replaced(cameras, "PINHOLE 32 24 30 31 16.25 12.75", "OPENCV_FISHEYE 32 24 10 10 16 12 0 0 0 0");
+    images = Replaced(images, "000001.png", "left/a.png");
+    WriteImage("images/left/a.png", kWidth, kHeight);
+  }
+};
+
+TEST_F(WideSceneTest, BecomesFacesWithOneCentre) {
+  const Scene whole = ReadColmap();
+  Scene scene = whole;
+  SplitWideImages(&scene);
+  ASSERT_EQ(scene.images.size(), 10u);
+  const std::vector<std::string> names = {"000000.png",          "000000_face_left.png", "000000_face_right.png",
+                                          "000000_face_up.png",  "000000_face_down.png", "left/a.png",
+                                          "left/a_face_left.png"};
+  for (size_t i = 0; i < names.size(); ++i) EXPECT_EQ(scene.images[i].name, names[i]);
+  EXPECT_EQ(ImagesOfFile(scene, 3), std::make_pair(0, 5));
+  EXPECT_EQ(ImagesOfFile(scene, 5), std::make_pair(5, 10));
+  EXPECT_EQ(ImagesOfFile(whole, 1), std::make_pair(1, 2));
+  const Lens lens(whole.images[1].camera, whole.images[1].distortion);
+  for (int i = 5; i < 10; ++i) {
+    const SceneImage& face = scene.images[static_cast<size_t>(i)];
+    EXPECT_EQ(face.landmark_indices, whole.images[1].landmark_indices);
+    const Frame frame = LoadFrame(scene, i);
+    ASSERT_EQ(frame.color.width(), face.camera.width);
+    int seen_pixels = 0;
+    for (int row = 0; row < frame.color.height(); ++row) {
+      for (int col = 0; col < frame.color.width(); ++col) {
+        if (!frame.mask.empty() && frame.mask(col, row) == 0) continue;
+        const Eigen::Vector3d ray = frame.camera.Unproject({static_cast<double>(col), static_cast<double>(row)});
+        const Eigen::Vector3d in_world = frame.cam_from_world.inverse() * (3 * ray);
+        const auto seen = lens.Project(whole.images[1].cam_from_world * in_world);
+        ASSERT_TRUE(seen);
+        // The fixture's colours tell where a pixel comes from.
+        EXPECT_NEAR(frame.color(col, row).r, 40 + 4 * seen->x(), 1.5) << face.name;
+        EXPECT_NEAR(frame.color(col, row).g, 60 + 3 * seen->y(), 1.5) << face.name;
+        ++seen_pixels;
+      }
+    }
+    EXPECT_GT(seen_pixels, 20) << face.name;
+  }
+}
+
+TEST_F(WideSceneTest, FacesHaveTheMaskAndTheDepthOfTheirImage) {
+  Scene scene = ReadColmap();
+  ColorImage mask(kWidth, kHeight);  // black, but for its right half
+  for (int row = 0; row < kHeight; ++row) {
+    for (int col = kWidth / 2; col < kWidth; ++col) mask(col, row) = {255, 255, 255};
+  }
+  std::filesystem::create_directories(folder() / "masks");
+  std::filesystem::create_directories(folder() / "depths");
+  WritePng(folder() / "masks/000000.png.png", mask);
+  DepthMap distances(1, 1);
+  distances(0, 0) = 2;
+  WritePfm(folder() / "depths/000000.pfm", distances);
+  AddMasks(folder() / "masks", &scene);
+  AddPriorDepths(folder() / "depths", &scene);
+  SplitWideImages(&scene);
+  EXPECT_TRUE(IgnoresAll(LoadFrame(scene, 1).mask)) << "it looks to the left";
+  const Frame right = LoadFrame(scene, 2);
+  const Eigen::Vector2d middle(right.camera.cx, right.camera.cy);
+  const int col = static_cast<int>(std::lround(middle.x())), row = static_cast<int>(std::lround(middle.y()));
+  EXPECT_NEAR(right.prior_depth(col, row), 2, 0.01);
+  EXPECT_LT(right.prior_depth(0, row), 1.6) << "45 degrees from its axis";
+  EXPECT_TRUE(LoadFrame(scene, 5).mask.empty() && LoadFrame(scene, 5).prior_depth.empty());
+}
+
+TEST_F(WideSceneTest, CirclesAreMaskedAndNamesAreUnique) {
+  Scene scene = ReadColmap();
+  for (SceneImage& image : scene.images) image.field_of_view = 100;
+  SplitWideImages(&scene);
+  ASSERT_EQ(scene.images.size(), 2u) << "one pinhole shows them";
+  const Mask mask = LoadFrame(scene, 0).mask;
+  ASSERT_FALSE(mask.empty());
+  EXPECT_EQ(mask(0, 0), 0) << "63 degrees off the axis";
+  for (SceneImage& image : scene.images) image.field_of_view = 0;
+  EXPECT_TRUE(LoadFrame(scene, 0).mask.empty()) << "a lens of another field was kept";
+  WriteImage("images/left/a_face_up.png", kWidth, kHeight);
+  images += "9 1 0 0 0 0 0 0 1 left/a_face_up.png\n\n";
+  scene = ReadColmap();
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { SplitWideImages(&scene); }), HasSubstr("left/a_face_up.png"));
+}
+
 }  // namespace
 }  // namespace acmp

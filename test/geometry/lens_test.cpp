@@ -64,6 +64,63 @@ TEST(Lens, WideModelsAreTheirFormulas) {
               0, 1e-9);
 }
 
+/// The rays of EUCM and double sphere as their papers have them in closed form, of an image point for a focal length of
+/// 1: Khomutenko et al. 2016, eq. 6, and Usenko et al. 2018, eqs. 46 to 52.
+Eigen::Vector3d RayOfEucm(const Eigen::Vector2d& m, double alpha, double beta) {
+  const double r2 = m.squaredNorm();
+  const double z = (1 - beta * alpha * alpha * r2) / (alpha * std::sqrt(1 - (2 * alpha - 1) * beta * r2) + 1 - alpha);
+  return Eigen::Vector3d(m.x(), m.y(), z).normalized();
+}
+
+Eigen::Vector3d RayOfDoubleSphere(const Eigen::Vector2d& m, double xi, double alpha) {
+  const double r2 = m.squaredNorm();
+  const double z = (1 - alpha * alpha * r2) / (alpha * std::sqrt(1 - (2 * alpha - 1) * r2) + 1 - alpha);
+  const double factor = (z * xi + std::sqrt(z * z + (1 - xi * xi) * r2)) / (z * z + r2);
+  return factor * Eigen::Vector3d(m.x(), m.y(), z) - Eigen::Vector3d(0, 0, xi);
+}
+
+TEST(Lens, ModelsOfKalibrAndBasaltAreTheirClosedForms) {
+  // The first is TUM-VI's as basalt has it, the second one of an EUCM lens, the third UCM.
+  const Lens sphere({512, 512, 158.28, 158.27, 254.96, 256.88}, {Model::kDoubleSphere, {-0.172, 0.593}});
+  const Lens extended({512, 512, 190, 191, 254.9, 256.9}, {Model::kExtendedUnified, {0.6, 1.1}});
+  const Lens unified({512, 512, 190, 191, 254.9, 256.9}, {Model::kExtendedUnified, {0.55, 1}});
+  for (const Lens* lens : {&sphere, &extended, &unified}) {
+    const PinholeCamera& c = lens->camera();
+    const std::vector<double>& k = lens->distortion().coefficients;
+    int beyond = 0;
+    for (double u = 10; u < 510; u += 40) {
+      for (double v = 10; v < 510; v += 40) {
+        const Eigen::Vector2d m((u - c.cx) / c.fx, (v - c.cy) / c.fy);
+        if (m.norm() > 2.1) continue;  // the corners lie outside of the circle
+        const Eigen::Vector3d ray = lens == &sphere ? RayOfDoubleSphere(m, k[0], k[1]) : RayOfEucm(m, k[0], k[1]);
+        const auto seen = lens->Project(3 * ray);
+        const auto back = lens->Unproject({u, v});
+        ASSERT_TRUE(seen && back) << m.transpose();
+        EXPECT_NEAR((*seen - Eigen::Vector2d(u, v)).norm(), 0, 1e-9);
+        EXPECT_NEAR((*back - ray).norm(), 0, 1e-7);
+        beyond += ray.z() < 0 ? 1 : 0;
+      }
+    }
+    EXPECT_TRUE(lens != &sphere || beyond > 0) << "it sees more than 180 degrees";
+  }
+  // UCM is Mei's camera without distortion: xi = alpha / (1 - alpha), and focal lengths divided by 1 - alpha.
+  const Lens mei({512, 512, 190 / 0.45, 191 / 0.45, 254.9, 256.9}, {Model::kUnified, {0.55 / 0.45, 0, 0, 0, 0}});
+  const Eigen::Vector3d aside = RayAtAngle(80, 20);
+  EXPECT_NEAR((*mei.Project(aside) - *unified.Project(aside)).norm(), 0, 1e-9);
+  EXPECT_GT((*unified.Project(aside) - *extended.Project(aside)).norm(), 1) << "alpha and beta count";
+  EXPECT_THAT(ErrorOf([&] { Lens(kCamera, {Model::kDoubleSphere, {-1.2, 0.6}}); }), HasSubstr("up to 0 degrees"));
+}
+
+TEST(Lens, UndistortedImagesHaveTheResolutionOfTheMiddle) {
+  for (const LensDistortion& distortion :
+       {LensDistortion{Model::kUnified, {1.5, -0.01, 0, 1e-4, 1e-4}}, LensDistortion{Model::kDoubleSphere, {-0.2, 0.6}},
+        LensDistortion{Model::kExtendedUnified, {0.6, 1.1}}, LensDistortion{Model::kEquidistant, {0.1, 0, 0, 0}}}) {
+    const Lens lens(kCamera, distortion);
+    const Eigen::Vector3d near_axis(1e-4, -2e-4, 1);
+    EXPECT_NEAR((*lens.Project(near_axis) - lens.Undistorted().Project(near_axis)).norm(), 0, 1e-5);
+  }
+}
+
 TEST(Lens, PixelsGoBackToTheirRays) {
   for (const LensDistortion& distortion :
        {LensDistortion{Model::kNone, {}}, LensDistortion{Model::kEquidistant, {-0.013, 0.02, -0.012, 0.002}},

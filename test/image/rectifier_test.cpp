@@ -134,6 +134,25 @@ TEST(Rectifier, DepthOfAnySizeIsRectifiedWithoutInterpolation) {
   EXPECT_TRUE(rectifier.RectifyDepth({}).empty());
 }
 
+TEST(Rectifier, DepthOfFacesIsMadeOfDistances) {
+  const Lens lens({240, 240, 72, 72, 119.5, 119.5}, {Model::kEquidistant, {-0.01, 0.004, 0, 0}}, 190);
+  const std::vector<PinholeFace> faces = FacesOf(lens);
+  ASSERT_EQ(faces.size(), 5u);
+  DepthMap distances(24, 24);
+  std::fill(distances.begin(), distances.end(), 2.0f);
+  for (const PinholeFace& face : faces) {
+    const DepthMap depth = Rectifier(lens, face).RectifyDepth(distances);
+    const Mask mask = Rectifier(lens, face).RectifyMask({});
+    for (int v = 0; v < depth.height(); ++v) {
+      for (int u = 0; u < depth.width(); ++u) {
+        if (!mask.empty() && mask(u, v) == 0) continue;
+        const double z = 2 / face.camera.Unproject({static_cast<double>(u), static_cast<double>(v)}).norm();
+        ASSERT_NEAR(depth(u, v), z, 1e-5) << face.name << u << ' ' << v;
+      }
+    }
+  }
+}
+
 TEST(Rectifier, RefusesAnotherSize) {
   Rectifier rectifier(MakeLens(Model::kNone, {}));
   try {

@@ -12,6 +12,7 @@
 #include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
+#include "support/solid_angle.h"
 
 namespace acmp {
 namespace {
@@ -22,13 +23,6 @@ struct WideMap {
   double sphere = 0;  ///< share of it with confident depth, mean of the images
   int masked_points = 0;
 };
-
-/// Solid angle of a face's pixel, sr; 0 outside of the cube's face, where the next face has it.
-double SolidAngle(const PinholeCamera& camera, int col, int row) {
-  const Eigen::Vector3d ray = camera.Unproject({static_cast<double>(col), static_cast<double>(row)});
-  if (std::abs(ray.x()) > 1 || std::abs(ray.y()) > 1) return 0;
-  return std::pow(ray.norm(), -3) / (camera.fx * camera.fy);
-}
 
 WideMap MapWide(const std::vector<SyntheticView>& views, const std::vector<PinholeFace>& faces) {
   std::map<int64_t, KeyframeDepthPtr> maps;
@@ -69,7 +63,7 @@ WideMap MapWide(const std::vector<SyntheticView>& views, const std::vector<Pinho
     for (int row = 0; row < frame.camera.height; ++row) {
       for (int col = 0; col < frame.camera.width; ++col) {
         if (made->confidence(col, row) < 0.5f) continue;
-        result.sphere += SolidAngle(frame.camera, col, row) / (4 * M_PI * static_cast<double>(views.size()));
+        result.sphere += test::SolidAngle(frame.camera, col, row) / (4 * M_PI * static_cast<double>(views.size()));
       }
     }
   }

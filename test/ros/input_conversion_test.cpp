@@ -246,6 +246,12 @@ TEST(ToCalibration, TakesWideCameras) {
   EXPECT_EQ(ToCalibration(info, false).distortion, (LensDistortion{LensDistortion::Model::kUnified, info.D}));
   info.D = {1.5};
   EXPECT_THAT(ErrorOf([&] { ToCalibration(info, false); }), HasSubstr("1 coefficients: omni-radtan has 5"));
+  info.D = {-0.2, 0.6};
+  info.distortion_model = "double_sphere";
+  EXPECT_EQ(ToCalibration(info, false).distortion, (LensDistortion{LensDistortion::Model::kDoubleSphere, info.D}));
+  info.D = {0.6, 1.1};
+  info.distortion_model = "EUCM";
+  EXPECT_EQ(ToCalibration(info, false).distortion, (LensDistortion{LensDistortion::Model::kExtendedUnified, info.D}));
   info.distortion_model = "equirectangular";
   info.D.clear();
   info.K.fill(0);  // nobody calibrates it

@@ -2,6 +2,7 @@
 """Calibrations that scripts/convert_calibration.py reads and writes.
 
 usage: convert_calibration_test.py SOURCE_FOLDER"""
+import json
 import math
 import os
 import subprocess
@@ -52,6 +53,16 @@ image_height: 512
 projection_parameters:
 """ + lines("   ", k2=0.0034823894022493434, k3=0.0007150348452162257, k4=-0.0020532361418706202, k5=0.00020293673591811182,
             mu=190.97847715128717, mv=190.9733070521226, u0=254.93170605935475, v0=256.8974428996504)
+
+
+def basalt(kind, **parameters):
+    """A calibration.json as basalt writes it; the camera is the second of two."""
+    cameras = [{"camera_type": "pinhole", "intrinsics": dict(zip(("fx", "fy", "cx", "cy"), (300, 300, 160, 120)))},
+               {"camera_type": kind, "intrinsics": dict(PINHOLE, **parameters)}]
+    pose = {name: 0.1 for name in ("px", "py", "pz", "qx", "qy", "qz", "qw")}
+    return json.dumps({"value0": {"T_imu_cam": [pose, pose], "intrinsics": cameras,
+                                  "resolution": [[320, 240], [752, 480]], "vignette": []}}, indent=4)
+
 
 VINS_FULL = VINS.replace("PINHOLE", "PINHOLE_FULL").replace("p1:", "k3: 3, k4: 4, k5: 5, k6: 6, p1:")
 
@@ -305,6 +316,23 @@ class ConvertCalibration(unittest.TestCase):
         omni = KALIBR.replace("camera_model: pinhole", "camera_model: omni", 1).replace("[458.654", "[1.9, 458.654", 1)
         self.expect(converted(omni), [752, 480], K, "mei", [1.9] + RADTAN)
         self.assertIn("must be radtan", refusal(omni.replace("radtan", "equidistant", 1)))
+        self.expect(converted(omni.replace("radtan", "none", 1)), [752, 480], K, "mei", [1.9, 0, 0, 0, 0])
+
+    def test_double_sphere_and_eucm(self):
+        plain = KALIBR.replace("radtan", "none", 1).replace("[458.654", "[0.6, 1.1, 458.654", 1)
+        for kind, model in (("ds", "double_sphere"), ("eucm", "eucm")):
+            text = plain.replace("camera_model: pinhole", "camera_model: " + kind, 1)
+            self.expect(converted(text), [752, 480], K, model, [0.6, 1.1])
+            self.assertIn("must be none", refusal(text.replace("distortion_model: none", "distortion_model: radtan", 1)))
+        for kind, names, model, coefficients in (
+                ("ds", ("xi", "alpha"), "double_sphere", [0.25, 0.5]), ("eucm", ("alpha", "beta"), "eucm", [0.25, 0.5]),
+                ("ucm", ("alpha",), "eucm", [0.25, 1]), ("pinhole", (), "plumb_bob", [0] * 5),
+                ("kb4", ("k1", "k2", "k3", "k4"), "equidistant", [0.25, 0.5, 0.75, 1])):
+            text = basalt(kind, **{name: 0.25 * (i + 1) for i, name in enumerate(names)})
+            self.expect(converted(text, 1), [752, 480], K, model, coefficients)
+        self.assertIn("there is no camera 2", refusal(text, 2))
+        self.assertIn("intrinsics[1]: k2 is missing", refusal(text.replace('"k2"', '"other"'), 1))
+        self.assertIn("camera_type 'fov'", refusal(basalt("fov", w=1), 1))
 
     def test_a_sphere_needs_its_size_alone(self):
         sphere = "Camera:\n  model: equirectangular\n  cols: 1920\n  rows: 960\n"
@@ -323,7 +351,8 @@ class ConvertCalibration(unittest.TestCase):
                 (VINS.replace("458.654", "large"), "fx = 'large': must be a number"),
                 (VINS.replace("image_width: 752", "image_width: 300"), "principal point (367.215, 248.375)"),
                 (ORB_SLAM3.replace("PinHole", "Sphere"), "Camera.type 'Sphere'"),
-                (KALIBR.replace("camera_model: pinhole", "camera_model: ds"), "cam0: camera_model 'ds'"),
+                (KALIBR.replace("camera_model: pinhole", "camera_model: ds"), "distortion_model 'radtan' of camera_model ds"),
+                (KALIBR.replace("camera_model: pinhole", "camera_model: atan"), "cam0: camera_model 'atan'"),
                 (KALIBR.replace("camera_model: pinhole", "camera_model: omni"), "must be a list of 5 numbers"),
                 (KALIBR.replace("[-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]", "[1, 2, 3, 4, 5, 6, 7, 8]"),
                  "8 distortion coefficients"),

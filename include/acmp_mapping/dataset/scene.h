@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "acmp_mapping/dataset/image_codec.h"
@@ -14,14 +15,22 @@
 
 namespace acmp {
 
-/// One image of a scene on disk.
+/// Which pinhole image of a wide one a scene image is (SplitWideImages).
+struct FaceOfImage {
+  PinholeCamera file_camera;                                     ///< of the whole image, as stored
+  Eigen::Matrix3d lens_from_face = Eigen::Matrix3d::Identity();  ///< rotation
+};
+
+/// One image of a scene on disk, or a face of one.
 struct SceneImage {
-  std::string name;                   ///< file name relative to the image folder
+  std::string name;                   ///< file name relative to the image folder; of a face see SplitWideImages
   std::filesystem::path path;         ///< of the file
   std::filesystem::path mask;         ///< of its mask (AddMasks); empty: it has none
   std::filesystem::path prior_depth;  ///< of its depth map from outside (AddPriorDepths); empty: it has none
-  PinholeCamera camera;               ///< of the file as stored, pixel centres at integers
-  LensDistortion distortion;
+  PinholeCamera camera;               ///< of the file as stored, or of the face; pixel centres at integers
+  LensDistortion distortion;          ///< of the file
+  double field_of_view = 0;           ///< Lens's, deg
+  std::optional<FaceOfImage> face;    ///< nothing: all of the file, undistorted to the same K
   RigidTransform cam_from_world = RigidTransform::Identity();
   std::vector<int> landmark_indices;      ///< into Scene::landmarks_in_world: points this image observes
   std::optional<DepthRange> depth_range;  ///< where the dataset names one
@@ -62,6 +71,15 @@ std::vector<int> ParseImageIndices(const std::string& text, int count);
 Scene ReadScene(const std::filesystem::path& root, SceneFormat format = SceneFormat::kAuto,
                 PixelCenters centers = PixelCenters::kInteger, const std::filesystem::path& image_folder = {});
 
+/// Puts the pinhole images that FacesOf names in the place of each wide image, in its order and with its mask and depth
+/// from outside: the face ahead has the name of the image, a/b.jpg, another one for example a/b_face_left.jpg. All
+/// faces of an image have its landmarks. Images without distortion are no wide ones. Throws InvalidInputError where
+/// another image has a face's name already.
+void SplitWideImages(Scene* scene);
+
+/// The indices from the first to behind the last of the images of the same file: the faces of a wide image, or one.
+std::pair<int, int> ImagesOfFile(const Scene& scene, int index);
+
 /// The points that an image observes, world frame.
 std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& image);
 
@@ -69,8 +87,8 @@ std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& i
 /// differs from the camera's.
 ColorImage LoadImage(const Scene& scene, int index);
 
-/// Loads one image, undistorts it if need be (to the same K, black and masked where nothing is known) and makes a frame
-/// of it with id = index, its mask and its landmarks. Throws as LoadImage and LoadMask do.
+/// Loads one image, undistorts it if need be (black and masked where nothing is known) and makes a frame of it with id
+/// = index, its mask and its landmarks. Throws as LoadImage and LoadMask do.
 Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options = {});
 
 // Files beside the images, in folders of their own: masks, and depth maps from outside.

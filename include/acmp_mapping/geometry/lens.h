@@ -11,7 +11,8 @@
 
 namespace acmp {
 
-/// How a lens bends the rays of a camera: OpenCV's models and coefficients, and the equirectangular projection.
+/// How a lens bends the rays of a camera: OpenCV's models and coefficients, those of Kalibr and basalt for wide lenses,
+/// and the equirectangular projection.
 struct LensDistortion {
   enum class Model {
     kNone,
@@ -19,6 +20,8 @@ struct LensDistortion {
     kRational,         ///< k1 k2 p1 p2 k3 k4 k5 k6
     kEquidistant,      ///< k1 k2 k3 k4: the fisheye of Kannala and Brandt
     kUnified,          ///< xi k1 k2 p1 p2: the omnidirectional camera of Mei and Rives (OpenCV's omnidir)
+    kExtendedUnified,  ///< alpha beta: EUCM, Khomutenko et al. 2016 (beta = 1: UCM, as in basalt)
+    kDoubleSphere,     ///< xi alpha: Usenko et al., 3DV 2018
     kEquirectangular,  ///< none: longitude and latitude of the whole sphere; fx and fy in px per rad
   };
   Model model = Model::kNone;
@@ -51,8 +54,15 @@ class Lens {
   /// larger; deg.
   double FieldOfView() const;
 
+  /// The pinhole camera that takes the distortion out: of the image's size and of the lens' resolution in its middle.
+  PinholeCamera Undistorted() const;
+
   const PinholeCamera& camera() const { return camera_; }
   const LensDistortion& distortion() const { return distortion_; }
+
+  bool operator==(const Lens& o) const {
+    return camera_ == o.camera_ && distortion_ == o.distortion_ && limit_ == o.limit_;
+  }
 
  private:
   double Radius(double angle) const;
@@ -76,6 +86,8 @@ struct PinholeFace {
   std::string name;  ///< "left", "right", "up", "down" or "back"; empty: it looks where the lens does
   PinholeCamera camera;
   Eigen::Matrix3d lens_from_face = Eigen::Matrix3d::Identity();  ///< rotation
+
+  bool operator==(const PinholeFace& o) const { return camera == o.camera && lens_from_face == o.lens_from_face; }
 };
 
 /// A field of view from which one pinhole camera of the lens' focal length loses the rim, deg.

@@ -15,8 +15,8 @@ namespace acmp {
 /// use it.
 class Rectifier {
  public:
-  /// Takes the distortion out: the pinhole camera is lens.camera().
-  explicit Rectifier(const Lens& lens) : Rectifier(lens, {"", lens.camera()}) {}
+  /// Takes the distortion out: the pinhole camera is lens.Undistorted().
+  explicit Rectifier(const Lens& lens) : Rectifier(lens, {"", lens.Undistorted()}) {}
   Rectifier(const Lens& lens, PinholeFace face) : lens_(lens), face_(std::move(face)) {}
 
   const Lens& lens() const { return lens_; }
@@ -33,8 +33,9 @@ class Rectifier {
   /// @param mask of the image as taken; empty: all of its pixels count
   Mask RectifyMask(const Mask& mask) const;
 
-  /// Depth z of the rectified image: the nearest pixel's; 0 where there is none. Only for a face that is not turned.
-  /// @param depth of the image as taken, at any size; empty: gives an empty one
+  /// Depth z of the rectified image: the nearest pixel's; 0 where there is none.
+  /// @param depth of the image as taken, at any size; empty: gives an empty one. z, but distances from the camera's
+  ///   centre where the image becomes faces: z says little there, and nothing from 90 degrees on
   DepthMap RectifyDepth(const DepthMap& depth) const;
 
  private:

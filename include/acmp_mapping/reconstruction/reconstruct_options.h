@@ -23,6 +23,8 @@ struct ReconstructOptions {
   std::string pixel_centers = "integer";
   std::filesystem::path image_path;   ///< folder of the images; empty: images/ of the scene
   std::string images;                 ///< "0,3,7-12"; empty: all
+  std::string wide_faces = "auto";    ///< SplitWideImages, or "off"
+  double field_of_view = 0;           ///< of lenses with distortion, Lens's; deg
   std::filesystem::path masks;        ///< folder (AddMasks); empty: none
   std::filesystem::path prior_depth;  ///< folder (AddPriorDepths); empty: none
 

@@ -66,7 +66,8 @@ void CheckImageSides(const std::string& name, const sensor_msgs::Image& image);
 bool IsBigEndianHost();
 
 /// Distortion models of CameraInfo for which ROS has no name.
-constexpr char kUnifiedModel[] = "mei", kEquirectangularModel[] = "equirectangular";
+constexpr char kUnifiedModel[] = "mei", kExtendedUnifiedModel[] = "eucm", kDoubleSphereModel[] = "double_sphere",
+               kEquirectangularModel[] = "equirectangular";
 
 /// What a camera_info says about the image as it is sent.
 struct CameraCalibration {

@@ -13,6 +13,7 @@
 #include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/mapping/auto_preset.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
+#include "acmp_mapping/mapping/rig_unit_check.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/options.h"
 #include "acmp_mapping/ros/output_publisher.h"
@@ -140,6 +141,7 @@ class MapperWorker {
   Camera camera_;
   std::map<std::string, Camera> source_cameras_;  ///< by topic
   std::optional<AutoPreset> auto_preset_;
+  RigUnitCheck rig_unit_check_;
   int64_t next_id_ = 0;  ///< never goes back, whatever stamps do
   uint64_t run_ = 0;
 

@@ -1,0 +1,213 @@
+// Images of wide lenses become the faces of cubes, which are images like others.
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <fstream>
+#include <iostream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "acmp_mapping/dataset/colmap_workspace.h"
+#include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/engine/host_depth_engine.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
+#include "reconstruction/run_fixture.h"
+#include "support/solid_angle.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::HasSubstr;
+
+/// Images of a fisheye of 190 degrees, 0.25 apart, with a stand-in for the matcher.
+class WideImagesTest : public ReconstructRunFixture {
+ protected:
+  static constexpr int kSize = 40;
+
+  WideImagesTest() {
+    std::vector<ColmapModelImage> images;
+    for (int i = 0; i < kImages; ++i) {
+      ColorImage picture(kSize, kSize);
+      RandomStream random(7, static_cast<uint32_t>(i), 0);
+      for (Rgb& pixel : picture) pixel.g = static_cast<unsigned char>(random.NextUniform(0, 255));
+      const std::string name = std::to_string(i) + ".png";
+      std::filesystem::create_directories(folder() / "wide/images");
+      WritePng(folder() / "wide/images" / name, picture);
+      RigidTransform pose = RigidTransform::Identity();
+      pose.translation().x() = -0.25 * i;
+      images.push_back({i + 1, name, {kSize, kSize, 12, 12, 19.5, 19.5}, pose, kFisheye});
+    }
+    WriteColmapModel(folder() / "wide", images, {});
+    options_.scene = folder() / "wide";
+    options_.field_of_view = 190;
+    options_.depth_min = 3;
+    options_.depth_max = 5;
+  }
+
+  std::vector<ListedCamera> Cameras() const { return ReadCameraList(options_.output / "cameras.txt"); }
+  /// "12_face_left.png" is of "12".
+  static std::string FileOf(const std::string& name) { return name.substr(0, name.find_first_of("_.")); }
+
+  const LensDistortion kFisheye = {LensDistortion::Model::kEquidistant, {0, 0, 0, 0}};
+};
+
+TEST_F(WideImagesTest, EachFaceIsAnImageOfItsOwn) {
+  options_.colmap = true;
+  Run(&fake_);
+  EXPECT_THAT(log_.str(), HasSubstr("20 of 20 images are faces of wide ones"));
+  const std::vector<ListedCamera> cameras = Cameras();
+  ASSERT_EQ(cameras.size(), 20u);
+  EXPECT_EQ(cameras[0].image.name, "0.png");
+  EXPECT_EQ(cameras[6].image.name, "1_face_left.png");
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    const Eigen::Vector3d centre(0.25 * static_cast<double>(i / 5), 0, 0);
+    EXPECT_NEAR((cameras[i].world_from_cam.translation() - centre).norm(), 0, 1e-9) << cameras[i].image.name;
+  }
+  EXPECT_TRUE(Has("depth/000019.pfm") && Has("colmap/images/3_face_down.png"));
+  std::istringstream sources(ReadText(output() / "colmap/stereo/patch-match.cfg"));
+  int lines = 0;
+  for (std::string name, list; std::getline(sources, name) && std::getline(sources, list); ++lines) {
+    std::istringstream words(list);
+    for (std::string source; words >> source;) EXPECT_NE(FileOf(source), FileOf(name)) << list;
+  }
+  EXPECT_EQ(lines, 20);
+  // What COLMAP gets are pinhole images, which say no more of a lens.
+  const Scene workspace = ReadScene(output() / "colmap", SceneFormat::kColmap);
+  ASSERT_EQ(workspace.images.size(), 20u);
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    EXPECT_EQ(workspace.images[i].distortion.model, LensDistortion::Model::kNone);
+    EXPECT_EQ(workspace.images[i].name, cameras[i].image.name);
+    EXPECT_NEAR(workspace.images[i].camera.cx, cameras[i].camera.cx, 1e-9);
+    EXPECT_TRUE(workspace.images[i].cam_from_world.isApprox(cameras[i].world_from_cam.inverse(), 1e-9));
+  }
+}
+
+TEST_F(WideImagesTest, InterruptedRunsAndStagesEndWithTheSameBytes) {
+  const int passes = RunTo("whole");
+  RunInterrupted(passes / 2);
+  Run(&fake_);
+  ExpectSameContents(output("whole"), output());
+  std::filesystem::remove_all(output());
+  options_.chunk_images = 7;
+  options_.plan = folder() / "plan.json";
+  Run(&fake_);
+  options_.plan.clear();
+  std::ifstream stream(folder() / "plan.json");
+  const nlohmann::json plan = nlohmann::json::parse(stream);
+  ASSERT_GT(plan.at("tasks").size(), 6u);
+  for (const nlohmann::json& task : plan.at("tasks")) {
+    options_.stage = task.at("stage");
+    options_.images = task.at("images");
+    Run(&fake_);
+  }
+  ExpectSameContents(output("whole"), output());
+}
+
+TEST_F(WideImagesTest, CanStayOnePinholeImageEach) {
+  options_.wide_faces = "off";
+  Run(&fake_);
+  ASSERT_EQ(Cameras().size(), 4u);
+  EXPECT_EQ(Cameras()[0].camera.width, kSize);
+  options_.wide_faces = "auto";
+  EXPECT_THAT(Error(), HasSubstr("input")) << "it is another scene now";
+  EXPECT_THAT(ErrorWith([](ReconstructOptions* o) { o->field_of_view = 400; }),
+              HasSubstr("0.png: field_of_view of this lens = 400"));
+}
+
+/// Share of the sphere with confident depth, mean of the images.
+double SphereShare(const std::filesystem::path& output) {
+  double share = 0;
+  std::set<std::string> files;
+  for (const ListedCamera& listed : ReadCameraList(output / "cameras.txt")) {
+    char name[32];
+    std::snprintf(name, sizeof(name), "confidence/%06d.pfm", listed.image.index);
+    const ConfidenceMap confidence = ReadPfm(output / name);
+    files.insert(listed.image.name.substr(0, 6));
+    for (int row = 0; row < confidence.height(); ++row) {
+      for (int col = 0; col < confidence.width(); ++col) {
+        if (confidence(col, row) >= 0.5f) share += test::SolidAngle(listed.camera, col, row) / (4 * M_PI);
+      }
+    }
+  }
+  return share / static_cast<double>(files.size());
+}
+
+std::vector<ReconstructDevice> OnHost(std::unique_ptr<DepthEngine> engine) {
+  std::vector<ReconstructDevice> devices(1);
+  devices[0].engines.push_back(std::move(engine));
+  devices[0].on_host = true;
+  return devices;
+}
+
+/// With refined poses, whatever the maps.
+void ExpectThatFacesMoveAsOne(const std::filesystem::path& scene, const std::filesystem::path& output,
+                              const std::vector<SyntheticView>& views) {
+  ReconstructOptions options;
+  options.scene = scene;
+  options.output = output;
+  options.field_of_view = 190;
+  options.pose_refinement.refine = RefinePoses::kOn;
+  FakeMatcher matcher;
+  StopRequest stop;
+  std::ostringstream out, log;
+  const auto devices = [&] { return OnHost(std::make_unique<FakeMatcherEngine>(&matcher)); };
+  Reconstruct(options, devices, &stop, &out, &log, false);
+  EXPECT_THAT(log.str(), HasSubstr("refined poses are used"));
+  const std::vector<PinholeFace> faces = FacesOf(views.front().wide->lens);
+  const std::vector<ListedCamera> cameras = ReadCameraList(output / "cameras.txt");
+  ASSERT_EQ(cameras.size(), faces.size() * views.size());
+  double moved = 0;
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    const RigidTransform& ahead = cameras[i - i % faces.size()].world_from_cam;
+    const RigidTransform expected = ahead * RigidTransform(faces[i % faces.size()].lens_from_face);
+    EXPECT_TRUE(cameras[i].world_from_cam.isApprox(expected, 1e-9)) << cameras[i].image.name;
+    moved += (ahead.translation() - views[i / faces.size()].frame.cam_from_world.inverse().translation()).norm();
+  }
+  EXPECT_GT(moved, 1e-6);
+}
+
+using WideSceneFiles = TestFolder;
+
+TEST_F(WideSceneFiles, FacesMapWhatOnePinholeLoses) {
+  SyntheticSceneOptions scene;
+  scene.width = scene.height = 160;
+  scene.keyframes = 6;
+  scene.field_of_view = 190;
+  const std::vector<SyntheticView> views = MakeSyntheticScene(scene);
+  WriteSceneFiles(folder() / "scene", views, 0.02f);
+  const PointCloud truth = ReadPly(folder() / "scene/surface.ply");
+  ExpectThatFacesMoveAsOne(folder() / "scene", folder() / "refined", views);
+  const auto run = [&](const std::string& wide_faces, const std::string& schedule) {
+    ReconstructOptions options;
+    options.scene = folder() / "scene";
+    options.output = folder() / (wide_faces + schedule);
+    options.wide_faces = wide_faces;
+    options.schedule = schedule;
+    options.field_of_view = 190;
+    options.preset = "online";
+    options.quiet = true;
+    StopRequest stop;
+    std::ostringstream out;
+    const auto devices = [] { return OnHost(std::make_unique<HostDepthEngine>()); };
+    Reconstruct(options, devices, &stop, &out, &std::cerr, false);
+    const CloudMetrics metrics = EvaluateCloud(ReadPly(options.output / "fused.ply"), truth, {0.05}, 0.02).front();
+    const double sphere = SphereShare(options.output);
+    std::cout << wide_faces << ", " << schedule << ": sphere " << 100 * sphere << " %, accuracy " << metrics.accuracy
+              << ", completeness " << metrics.completeness << ", F1 " << metrics.f1 << "\n";
+    return std::make_pair(sphere, metrics);
+  };
+  const auto [one, of_one] = run("off", "offline");
+  // The lens shows 54 % of the sphere, the pinhole of its focal length 26 %.
+  for (const char* schedule : {"offline", "online"}) {
+    const auto [faces, of_faces] = run("auto", schedule);
+    EXPECT_GT(faces, 1.3 * one);
+    EXPECT_GT(of_faces.completeness, 1.2 * of_one.completeness);
+    EXPECT_GT(of_faces.accuracy, of_one.accuracy - 5);
+  }
+}
+
+}  // namespace
+}  // namespace acmp
