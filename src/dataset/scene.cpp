@@ -118,9 +118,12 @@ std::shared_ptr<const Rectifier> RectifierOf(const SceneImage& image) {
   constexpr size_t kCameras = 4;  // each has 6 bytes per pixel
   const std::lock_guard<std::mutex> lock(mutex);
   for (const auto& known : newest) {
-    if (known->lens().camera() == image.camera && known->lens().distortion() == image.distortion) return known;
+    if (known->lens().camera() == image.camera && known->lens().distortion() == image.distortion &&
+        known->readout() == image.readout) {
+      return known;
+    }
   }
-  newest.push_back(std::make_shared<Rectifier>(Lens(image.camera, image.distortion)));
+  newest.push_back(std::make_shared<Rectifier>(Lens(image.camera, image.distortion), image.readout));
   if (newest.size() > kCameras) newest.pop_front();
   return newest.back();
 }

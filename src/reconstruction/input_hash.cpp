@@ -30,7 +30,10 @@ uint64_t HashOfGeometry(const Scene& scene, const SceneImage& image) {
   hash.Add(c.height);
   hash.Add(static_cast<int>(image.distortion.model));
   for (double value : image.distortion.coefficients) hash.Add(value);
+  hash.AddBytes(image.readout.turn.data(), 3 * sizeof(double));
+  hash.AddBytes(image.readout.move.data(), 3 * sizeof(double));
   hash.AddBytes(image.cam_from_world.matrix().data(), 16 * sizeof(double));
+  hash.AddBytes(image.placed_from_world.matrix().data(), 16 * sizeof(double));
   for (int landmark : image.landmark_indices) {
     hash.AddBytes(scene.landmarks_in_world[landmark].data(), 3 * sizeof(double));
   }

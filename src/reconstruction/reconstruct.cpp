@@ -114,7 +114,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   interrupt->Check();
   for (const std::string& warning : plan.warnings) progress.Warn(warning);
 
-  RefineScenePoses(plan, options, *interrupt, &scene, &progress);
+  const std::optional<Lens> lens = RefineScenePoses(plan, options, *interrupt, &scene, &progress);
   interrupt->Check();
   CheckSizes(scene, indices, options);
   if (plans) return PlanStages(scene, plan, options, &progress, out);
@@ -139,6 +139,11 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
                                    : "going on with an interrupted run");
   }
   if (folder.state() == OutputFolder::State::kStarted && options.online()) folder.StartAfresh();
+  if (lens) {
+    WriteCalibration(
+        folder.path() / "camera.yaml", *lens,
+        "The camera of the images with the distortion that its calibration has left, as --refine-poses found it");
+  }
   {
     EngineStore store(&frames, options, &folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
     ReconstructRun run{scene, options, plan, devices, store, *interrupt, progress, &folder};

@@ -32,6 +32,11 @@ std::vector<PosedImage> PosedImages(const ReconstructPlan& plan, const Scene& sc
   return images;
 }
 
+/// A lens with the radial distortion that its calibration has left.
+Lens FoundLens(const Lens& lens, const CameraErrors& errors) {
+  return {lens.camera(), WithRadialDistortion(lens, errors.k1, errors.k2)};
+}
+
 std::string Describe(const PoseRefinement& refinement, const PinholeCamera& camera) {
   const ClassicLocale point;
   char text[256];
@@ -50,8 +55,9 @@ std::string Describe(const PoseRefinement& refinement, const PinholeCamera& came
   std::snprintf(
       text, sizeof(text),
       "; calibration leaves radial distortion k1 = %.4f, k2 = %.4f (%.1f px at the corner), rows are read out "
-      "in %.3f of the time from image to image",
-      errors.k1, errors.k2, DistortionShift(camera, errors, 1), errors.readout);
+      "in %.3f of the time from image to image%s",
+      errors.k1, errors.k2, DistortionShift(camera, errors, 1), errors.readout,
+      refinement.changed ? ": both are taken out of the images" : "");
   return message + text;
 }
 
@@ -108,9 +114,9 @@ void TakePriorDepths(const ReconstructOptions& options, const std::vector<int>& 
       Concat(with_depth, " of ", indices.size(), " images have prior depth in ", options.prior_depth.string()));
 }
 
-void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& options, const StopRequest& interrupt,
-                      Scene* scene, Progress* progress) {
-  if (options.pose_refinement.refine == RefinePoses::kOff || options.online()) return;
+std::optional<Lens> RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& options,
+                                     const StopRequest& interrupt, Scene* scene, Progress* progress) {
+  if (options.pose_refinement.refine == RefinePoses::kOff || options.online()) return std::nullopt;
   progress->Note("refining poses");
   const FrameOptions frame_options = {options.max_image_size};
   const auto load = [&](size_t i) {
@@ -119,10 +125,23 @@ void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& opt
   };
   const PoseRefinement refinement = RefineImagePoses(PosedImages(plan, *scene, options.max_image_size), load,
                                                      options.pose_refinement, [&] { interrupt.Check(); });
+  const SceneImage first = scene->images[static_cast<size_t>(plan.images.front().index)];
+  std::optional<Lens> found;
+  if (refinement.has_camera_errors) found = FoundLens(Lens(first.camera, first.distortion), refinement.camera);
+  bool is_one = true;
   for (const RefinedPose& pose : refinement.poses) {
-    scene->images[static_cast<size_t>(pose.id)].cam_from_world = pose.cam_from_world;
+    SceneImage& image = scene->images[static_cast<size_t>(pose.id)];
+    image.cam_from_world = pose.cam_from_world;
+    if (refinement.changed) image.placed_from_world = pose.cam_from_received.inverse() * pose.cam_from_world;
+    image.readout = pose.readout;
+    const bool is_first = image.camera == first.camera && image.distortion == first.distortion;
+    is_one &= is_first;
+    if (!found || !refinement.changed) continue;
+    image.distortion = is_first ? found->distortion()
+                                : FoundLens(Lens(image.camera, image.distortion), refinement.camera).distortion();
   }
-  progress->Note(Describe(refinement, scene->images[static_cast<size_t>(plan.images.front().index)].camera));
+  progress->Note(Describe(refinement, first.camera));
+  return is_one ? found : std::nullopt;
 }
 
 }  // namespace acmp

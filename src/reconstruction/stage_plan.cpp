@@ -32,6 +32,7 @@ std::string RelativePath(const std::filesystem::path& path, const std::filesyste
 Json ToJson(const SceneImage& image, const std::filesystem::path& root) {
   const PinholeCamera& c = image.camera;
   const double* pose = image.cam_from_world.matrix().data();
+  const double* placed = image.placed_from_world.matrix().data();
   return {{"name", image.name},
           {"path", RelativePath(image.path, root)},
           {"mask", image.mask.string()},
@@ -40,7 +41,10 @@ Json ToJson(const SceneImage& image, const std::filesystem::path& root) {
           {"size", {c.width, c.height}},
           {"distortion", static_cast<int>(image.distortion.model)},
           {"coefficients", image.distortion.coefficients},
-          {"pose", std::vector<double>(pose, pose + 16)}};
+          {"turn", std::vector<double>(image.readout.turn.begin(), image.readout.turn.end())},
+          {"move", std::vector<double>(image.readout.move.begin(), image.readout.move.end())},
+          {"pose", std::vector<double>(pose, pose + 16)},
+          {"placed", std::vector<double>(placed, placed + 16)}};
 }
 
 SceneImage ImageOf(const Json& json, const std::filesystem::path& root) {
@@ -54,8 +58,12 @@ SceneImage ImageOf(const Json& json, const std::filesystem::path& root) {
   image.camera = {size.at(0), size.at(1), camera.at(0), camera.at(1), camera.at(2), camera.at(3)};
   image.distortion.model = static_cast<LensDistortion::Model>(json.at("distortion").get<int>());
   image.distortion.coefficients = json.at("coefficients").get<std::vector<double>>();
+  image.readout.turn = Eigen::Vector3d(json.at("turn").at(0), json.at("turn").at(1), json.at("turn").at(2));
+  image.readout.move = Eigen::Vector3d(json.at("move").at(0), json.at("move").at(1), json.at("move").at(2));
   const std::vector<double> pose = json.at("pose").get<std::vector<double>>();
   std::copy_n(pose.begin(), 16, image.cam_from_world.matrix().data());
+  const std::vector<double> placed = json.at("placed").get<std::vector<double>>();
+  std::copy_n(placed.begin(), 16, image.placed_from_world.matrix().data());
   return image;
 }
 

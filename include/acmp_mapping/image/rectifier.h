@@ -17,10 +17,14 @@ class Rectifier {
  public:
   /// Takes the distortion out: the pinhole camera is lens.camera().
   explicit Rectifier(const Lens& lens) : Rectifier(lens, {"", lens.camera()}) {}
+  /// And what the camera moved while rows were read out: the image is that of the middle row's time.
+  Rectifier(const Lens& lens, const ReadoutMotion& readout)
+      : lens_(lens), face_{"", lens.camera()}, readout_(readout) {}
   Rectifier(const Lens& lens, PinholeFace face) : lens_(lens), face_(std::move(face)) {}
 
   const Lens& lens() const { return lens_; }
   const PinholeFace& face() const { return face_; }
+  const ReadoutMotion& readout() const { return readout_; }
 
   /// Bilinear; black where the lens sees nothing. Throws InvalidInputError when the image (8-bit RGB) has not the size
   /// of the lens' camera. The first image of this size makes the maps: a camera alone, whatever size it claims, takes
@@ -51,6 +55,7 @@ class Rectifier {
 
   Lens lens_;
   PinholeFace face_;
+  ReadoutMotion readout_;
   mutable std::once_flag made_;
   mutable Maps maps_;  ///< made at the first use
 };
