@@ -123,9 +123,9 @@ std::shared_ptr<const Rectifier> RectifierOf(const SceneImage& image) {
   const PinholeFace face = {"", image.camera, image.face ? image.face->lens_from_face : Eigen::Matrix3d::Identity()};
   const std::lock_guard<std::mutex> lock(mutex);
   for (const auto& known : newest) {
-    if (known->lens() == lens && known->face() == face) return known;
+    if (known->lens() == lens && known->face() == face && known->readout() == image.readout) return known;
   }
-  newest.push_back(std::make_shared<Rectifier>(lens, face));
+  newest.push_back(std::make_shared<Rectifier>(lens, face, image.readout));
   const auto add = [](size_t sum, const auto& known) {
     return sum + static_cast<size_t>(known->face().camera.width) * static_cast<size_t>(known->face().camera.height);
   };

@@ -19,7 +19,8 @@ Scene ReadMvsnetScene(const std::filesystem::path& root, const std::filesystem::
 /// Of the file as stored.
 const PinholeCamera& FileCamera(const SceneImage& image);
 
-/// Takes the lens distortion out of the image. Kept for the next images of the same camera, as its maps take time.
+/// Takes lens distortion and rolling shutter out of the image. Kept for the next images of the same camera, as its maps
+/// take time.
 std::shared_ptr<const Rectifier> RectifierOf(const SceneImage& image);
 
 /// The mask as stored; empty: the image has none. Throws as ReadMask does.

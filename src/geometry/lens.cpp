@@ -1,5 +1,6 @@
 #include "acmp_mapping/geometry/lens.h"
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -187,6 +188,56 @@ PinholeCamera Lens::Undistorted() const {
     camera.fy /= 1 + k_[0];
   }
   return camera;
+}
+
+bool CanHaveRadialDistortion(Model model) {
+  return model != Model::kExtendedUnified && model != Model::kDoubleSphere && model != Model::kEquirectangular;
+}
+
+LensDistortion WithRadialDistortion(const Lens& lens, double k1, double k2) {
+  const PinholeCamera& c = lens.camera();
+  LensDistortion fitted = lens.distortion();
+  if (fitted.model == Model::kNone) fitted = {Model::kBrownConrady, {}};
+  const size_t size = fitted.model == Model::kRational ? 8 : fitted.model == Model::kEquidistant ? 4 : 5;
+  fitted.coefficients.resize(size);
+  std::vector<Eigen::Vector3d> rays;
+  std::vector<Eigen::Vector2d> seen;
+  constexpr int kPlaces = 12;  // across and down
+  for (int i = 0; i < kPlaces * kPlaces; ++i) {
+    const Eigen::Vector2d place((i % kPlaces + 0.5) / kPlaces, (i / kPlaces + 0.5) / kPlaces);
+    const Eigen::Vector3d ray = c.Unproject({place.x() * c.width - 0.5, place.y() * c.height - 0.5});
+    const double r2 = ray.head<2>().squaredNorm(), factor = 1 + r2 * (k1 + r2 * k2);
+    const auto pixel = lens.Project({factor * ray.x(), factor * ray.y(), 1});
+    if (!pixel) continue;
+    rays.push_back(ray);
+    seen.push_back(*pixel);
+  }
+  const auto errors = [&](const LensDistortion& distortion) {
+    const Lens tried(c, distortion);
+    Eigen::VectorXd result = Eigen::VectorXd::Zero(2 * static_cast<Eigen::Index>(rays.size()));
+    for (size_t i = 0; i < rays.size(); ++i) {
+      const auto pixel = tried.Project(rays[i]);
+      if (pixel) result.segment<2>(2 * static_cast<Eigen::Index>(i)) = *pixel - seen[i];
+    }
+    return result;
+  };
+  constexpr int kSteps = 5;  // the coefficients of most models are linear: one would do
+  constexpr double kStep = 1e-5;
+  for (int step = 0; step < kSteps; ++step) {
+    const Eigen::VectorXd now = errors(fitted);
+    Eigen::MatrixXd derivatives(now.size(), static_cast<Eigen::Index>(size));
+    for (size_t k = 0; k < size; ++k) {
+      LensDistortion moved = fitted;
+      moved.coefficients[k] += kStep;
+      derivatives.col(static_cast<Eigen::Index>(k)) = (errors(moved) - now) / kStep;
+    }
+    // Coefficients that hardly differ within the image share what there is (least norm).
+    Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> solver;
+    solver.setThreshold(1e-4);
+    const Eigen::VectorXd change = solver.compute(derivatives).solve(now);
+    for (size_t k = 0; k < size; ++k) fitted.coefficients[k] -= change[static_cast<Eigen::Index>(k)];
+  }
+  return fitted;
 }
 
 void CheckLens(const std::string& name, const PinholeCamera& camera, const LensDistortion& distortion,

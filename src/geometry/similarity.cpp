@@ -5,9 +5,40 @@
 namespace acmp {
 namespace {
 
-/// Of poses [begin, end), each with its weight.
+/// Baselines between so many poses tell the scale: noise of single poses hardly counts in them, and what drifts over
+/// the whole trajectory not at all. Maps are made over such baselines.
+constexpr size_t kBaseline = 4;
+
+/// Some poses, by their positions, and how much each counts.
+struct AlongWeights {
+  size_t begin, end, middle, reach;
+  double operator()(size_t i) const { return static_cast<double>(reach - (i < middle ? middle - i : i - middle)); }
+};
+AlongWeights WeightsAround(size_t middle, size_t reach, size_t count) {
+  return {middle - std::min(middle, reach - 1), std::min(middle + reach, count), middle, reach};
+}
+
 template <class Weight>
-Similarity Fit(const std::vector<PosePair>& poses, size_t begin, size_t end, const Weight& weight) {
+double BaselineScale(const std::vector<PosePair>& poses, size_t begin, size_t end, const Weight& weight) {
+  double products = 0, squares = 0;
+  const size_t gap = std::min(kBaseline, end - begin - 1);
+  for (size_t i = begin, j = begin + gap; j < end; ++i, ++j) {
+    // In the first pose's axes: whoever drifts turns, too.
+    const auto baseline = [&](const RigidTransform& a, const RigidTransform& b) -> Eigen::Vector3d {
+      return a.linear().transpose() * (b.translation() - a.translation());
+    };
+    const Eigen::Vector3d from = baseline(poses[i].from, poses[j].from), to = baseline(poses[i].to, poses[j].to);
+    const double w = std::min(weight(i), weight(j));
+    products += w * from.dot(to);
+    squares += w * from.squaredNorm();
+  }
+  return products > 0 && squares > 0 ? products / squares : 1;
+}
+
+/// Mean rotation and mean place of poses [begin, end), each with its weight.
+template <class Weight>
+Similarity PlaceWeighted(const std::vector<PosePair>& poses, size_t begin, size_t end, const Weight& weight,
+                         double scale) {
   Eigen::Vector4d turn = Eigen::Vector4d::Zero();  // sum of unit quaternions of one sign: their mean, normalised
   Eigen::Vector3d from_mean = Eigen::Vector3d::Zero(), to_mean = from_mean;
   double sum = 0;
@@ -20,18 +51,10 @@ Similarity Fit(const std::vector<PosePair>& poses, size_t begin, size_t end, con
     to_mean += w * pose.to.translation();
     sum += w;
   }
-  from_mean /= sum, to_mean /= sum;
   Similarity result;
-  const Eigen::Matrix3d rotation = Eigen::Quaterniond(turn).normalized().toRotationMatrix();
-  double products = 0, squares = 0;
-  for (size_t i = begin; i < end; ++i) {
-    const Eigen::Vector3d moved = rotation * (poses[i].from.translation() - from_mean);
-    products += weight(i) * moved.dot(poses[i].to.translation() - to_mean);
-    squares += weight(i) * moved.squaredNorm();
-  }
-  if (products > 0 && squares > 0) result.scale = products / squares;
-  result.rigid.linear() = rotation;
-  result.rigid.translation() = to_mean - rotation * (result.scale * from_mean);
+  result.scale = scale;
+  result.rigid.linear() = Eigen::Quaterniond(turn).normalized().toRotationMatrix();
+  result.rigid.translation() = (to_mean - result.rigid.linear() * (scale * from_mean)) / sum;
   return result;
 }
 
@@ -45,16 +68,18 @@ RigidTransform Similarity::Moved(const RigidTransform& world_from_cam) const {
 
 Similarity FitSimilarity(const std::vector<PosePair>& poses) {
   if (poses.size() < kMinForSimilarity) return {};
-  return Fit(poses, 0, poses.size(), [](size_t) { return 1.0; });
+  const auto same = [](size_t) { return 1.0; };
+  return PlaceWeighted(poses, 0, poses.size(), same, BaselineScale(poses, 0, poses.size(), same));
 }
 
-std::vector<Similarity> AlignAlong(const std::vector<PosePair>& poses) {
+std::vector<Similarity> AlignAlong(const std::vector<PosePair>& poses, std::optional<double> scale) {
   std::vector<Similarity> aligned(poses.size());
   if (poses.size() < kMinForSimilarity) return aligned;
   for (size_t i = 0; i < poses.size(); ++i) {
-    const auto weight = [i](size_t j) { return static_cast<double>(kAlignmentReach - (i < j ? j - i : i - j)); };
-    const size_t begin = i - std::min(i, kAlignmentReach - 1);
-    aligned[i] = Fit(poses, begin, std::min(i + kAlignmentReach, poses.size()), weight);
+    const AlongWeights wide = WeightsAround(i, kScaleReach, poses.size()),
+                       near = WeightsAround(i, kAlignmentReach, poses.size());
+    aligned[i] = PlaceWeighted(poses, near.begin, near.end, near,
+                               scale ? *scale : BaselineScale(poses, wide.begin, wide.end, wide));
   }
   return aligned;
 }

@@ -3,6 +3,7 @@
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
+#include <Eigen/Geometry>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -22,7 +23,7 @@ void Rectifier::CheckSize(int width, int height) const {
 
 bool Rectifier::ChangesNothing() const {
   return lens_.distortion().model == LensDistortion::Model::kNone && face_.camera == lens_.camera() &&
-         face_.lens_from_face.isIdentity();
+         face_.lens_from_face.isIdentity() && readout_ == ReadoutMotion();
 }
 
 /// The last column of a sphere is beside the first.
@@ -37,8 +38,10 @@ const Rectifier::Maps& Rectifier::maps() const {
     const PinholeCamera& face = face_.camera;
     cv::Mat x(face.height, face.width, CV_32FC1), y(face.height, face.width, CV_32FC1);
     const auto fill_row = [&](int row) {
+      const double time = (row + 0.5) / face.height - 0.5;  // of the readout, from its middle
       for (int col = 0; col < face.width; ++col) {
-        const Eigen::Vector3d ray = face.Unproject({static_cast<double>(col), static_cast<double>(row)});
+        Eigen::Vector3d ray = face.Unproject({static_cast<double>(col), static_cast<double>(row)});
+        ray += time * (readout_.turn.cross(ray) - readout_.move);
         const auto seen = lens_.Project(face_.lens_from_face * ray);
         x.at<float>(row, col) = seen ? static_cast<float>(seen->x()) : kNowhere;
         y.at<float>(row, col) = seen ? static_cast<float>(seen->y()) : kNowhere;

@@ -4,6 +4,7 @@
 #include <set>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/median.h"
 #include "acmp_mapping/pose_refinement/pose_refinement.h"
 #include "bundle_refinement.h"
 #include "corner_detection.h"
@@ -156,10 +157,38 @@ class ImageSet {
   Bundle bundle_;
 };
 
+/// What moves while each image is read out.
+std::vector<ReadoutMotion> ReadoutsOf(const Bundle& bundle, double readout) {
+  std::vector<std::vector<double>> inverse_depths(bundle.size());
+  for (const Landmark& landmark : bundle.landmarks) {
+    inverse_depths[static_cast<size_t>(landmark.anchor)].push_back(landmark.inverse_depth);
+  }
+  const std::vector<CameraMotion> motions = MotionsOf(bundle);
+  std::vector<ReadoutMotion> readouts;
+  for (size_t i = 0; i < bundle.size(); ++i) {
+    const double typical = inverse_depths[i].empty() ? 1 / TypicalDepth(bundle) : Median(std::move(inverse_depths[i]));
+    readouts.push_back(
+        {readout * motions[i].angular, readout * typical * (bundle.poses[i].rotation * motions[i].linear)});
+  }
+  return readouts;
+}
+
+/// Poses along the received ones (AlignAlong), in their scale.
+std::vector<ViewPose> PlacedAlong(const std::vector<ViewPose>& poses, const std::vector<ViewPose>& received) {
+  std::vector<PosePair> pairs;
+  for (size_t i = 0; i < poses.size(); ++i) {
+    pairs.push_back({ToRigidTransform(poses[i]).inverse(), ToRigidTransform(received[i]).inverse()});
+  }
+  const std::vector<Similarity> aligned = AlignAlong(pairs, 1);
+  std::vector<ViewPose> placed;
+  for (size_t i = 0; i < poses.size(); ++i) placed.push_back(Moved(aligned[i], {poses[i]}).front());
+  return placed;
+}
+
 }  // namespace
 
 PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std::function<ImagePixels(size_t)>& load,
-                                const PoseRefinementOptions& options, const std::function<void()>& check) {
+                                const PoseRefinementOptions& options, bool frees, const std::function<void()>& check) {
   Validate(options);
   CheckImages(images);
   std::vector<int64_t> ids;
@@ -186,7 +215,26 @@ PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std
   if (!refined) return Unrefined(ids, received, "the bundle adjustment found no solution");
   state.bent = AreBent(state.comparison, kNearerOfAll);
   state.camera = state.comparison.camera;
-  return JudgeRefinement(*refined, ids, received, ResectViews(*refined, state.camera), state, options, false);
+  const std::vector<ViewPose> resected = ResectViews(*refined, state.camera);
+  // As the images are is how received poses see them, too: that is what they are compared by.
+  PoseRefinement result = JudgeRefinement(*refined, ids, received, resected, state, options, false);
+  if (!result.changed) return result;
+  const std::vector<ReadoutMotion> readouts = ReadoutsOf(*refined, state.camera.readout);
+  frees = frees && result.has_camera_errors;
+  const std::vector<ViewPose>& found = frees ? refined->poses : resected;
+  const std::vector<ViewPose> scaled =
+      Moved(FitSimilarity(found, refined->received, found.size(), TypicalDepth(*refined)), found);
+  // Received poses that are bent would bend the map again: it lies as a whole.
+  const std::vector<ViewPose> placed = state.bent ? scaled : PlacedAlong(scaled, refined->received);
+  const auto in_world = [&](const ViewPose& pose) {
+    return ToRigidTransform({pose.rotation, pose.centre + refined->origin});
+  };
+  for (size_t i = 0; i < images.size(); ++i) {
+    result.poses[i].cam_from_world = in_world(scaled[i]);
+    result.poses[i].cam_from_received = in_world(placed[i]);
+    if (frees) result.poses[i].readout = readouts[i];
+  }
+  return result;
 }
 
 }  // namespace acmp

@@ -85,7 +85,7 @@ void ColmapOutput::WriteModel(const std::vector<int>& images, const std::vector<
   for (int index : images) {
     const SceneImage& image = run_.scene.images[index];
     names.push_back(image.name);
-    model.push_back({index + 1, image.name, CameraOf(run_, index), image.cam_from_world});
+    model.push_back({index + 1, image.name, CameraOf(run_, index), WrittenPose(image).inverse()});
   }
   ColmapPoints points(ThinnedClouds(clouds, run_.plan.origin, model), run_.plan.origin);
   for (size_t i = 0; i < model.size(); ++i) {

@@ -26,8 +26,8 @@ constexpr const char* kLockName = ".lock";
 constexpr const char* kListName = "files.txt";
 constexpr const char* kTemporarySuffix = ".partial";  // of AtomicFile
 constexpr const char* kWorkName = "work";
-constexpr std::array<const char*, 9> kResults = {"depth",  "normal",    "cost",  "confidence", "pictures",
-                                                 "colmap", "fused.ply", "tiles", "cameras.txt"};
+constexpr std::array<const char*, 10> kResults = {"depth",  "normal",    "cost",  "confidence",  "pictures",
+                                                  "colmap", "fused.ply", "tiles", "cameras.txt", "camera.yaml"};
 
 std::string Format(const RunRecord& record) {
   std::string text = kRecordTitle;

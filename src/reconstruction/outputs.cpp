@@ -161,7 +161,7 @@ void WriteCameras(const ReconstructRun& run, const std::vector<int>& images) {
   std::vector<ListedCamera> cameras;
   for (int index : images) {
     const SceneImage& image = run.scene.images[static_cast<size_t>(index)];
-    cameras.push_back({{index, image.name}, CameraOf(run, index), image.cam_from_world.inverse()});
+    cameras.push_back({{index, image.name}, CameraOf(run, index), WrittenPose(image)});
   }
   WriteCameraList(run.folder->path() / "cameras.txt", cameras);
 }

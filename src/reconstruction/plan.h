@@ -124,8 +124,10 @@ DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indi
 void CheckSizes(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options);
 
 /// --refine-poses: replaces the poses of the images that take part by refined ones, or leaves them as they are, and
-/// says which and why. Images are matched against the plan's source views. Reads every image once.
-void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& options, const StopRequest& interrupt,
-                      Scene* scene, Progress* progress);
+/// says which and why. Images are matched against the plan's source views. Reads every image once. Where the camera has
+/// errors and poses are replaced, lens and rolling shutter of the images change, too: what is matched is free of them.
+/// Returns the lens as it turned out to be, where the calibration leaves errors and all images have the same.
+std::optional<Lens> RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& options,
+                                     const StopRequest& interrupt, Scene* scene, Progress* progress);
 
 }  // namespace acmp

@@ -102,7 +102,7 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   interrupt.Check();
   for (const std::string& warning : plan.warnings) progress.Warn(warning);
 
-  RefineScenePoses(plan, options, interrupt, &scene, &progress);
+  const std::optional<Lens> lens = RefineScenePoses(plan, options, interrupt, &scene, &progress);
   interrupt.Check();
   CheckSizes(scene, indices, options);
   FrameStore frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare));
@@ -129,6 +129,11 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
                                    : "going on with an interrupted run");
   }
   if (folder.state() == OutputFolder::State::kStarted && options.online()) folder.StartAfresh();
+  if (lens) {
+    WriteCalibration(
+        folder.path() / "camera.yaml", *lens,
+        "The camera of the images with the distortion that its calibration has left, as --refine-poses found it");
+  }
   {
     EngineStore store(&frames, options, folder.path(), EngineStore::Results::kFiles, plan, devices,
                       ScheduleOf(MakePipelineOptions(options)));

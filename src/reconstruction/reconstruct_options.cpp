@@ -37,6 +37,8 @@ OUTPUT is a folder that is made; afterwards it holds, for image 0, 1, 2, ... of 
                            rounded down, are X, Y, Z
   tiles/index.json         the files of the tiles, their numbers of points, lowest and highest coordinates
   cameras.txt              cameras of the maps (at the maps' size) with their poses
+  camera.yaml              with --refine-poses, where the calibration turns out to leave radial distortion: one that does
+                           not, for the frontend or the mapper's calibration_file
   colmap/                  with --colmap: the undistorted images, sparse/, depth and normal maps in stereo/
   summary.json, run.txt    what was done, with which settings, and how long it took
   files.txt                names and sizes of all these files

@@ -8,6 +8,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/fusion/depth_fusion.h"
+#include "acmp_mapping/geometry/vector_conversion.h"
 
 namespace acmp {
 namespace {
@@ -23,6 +24,15 @@ EngineProblem InLocalCoordinates(EngineProblem problem, const Eigen::Vector3d& o
   move(&problem.reference);
   for (EngineView& source : problem.sources) move(&source);
   return problem;
+}
+
+/// Moves a cloud of coordinates that begin at the origin.
+void MoveCloud(const RigidTransform& motion, const Eigen::Vector3d& origin, PointCloud* cloud) {
+  if (motion.matrix() == RigidTransform::Identity().matrix()) return;
+  for (SurfacePoint& point : *cloud) {
+    point.position = ToVec3f(motion * (ToEigen(point.position) + origin) - origin);
+    point.normal = ToVec3f(motion.linear() * ToEigen(point.normal));
+  }
 }
 
 }  // namespace
@@ -175,6 +185,7 @@ PointCloud RunTasks::Fuse(const ImagePlan& image, int rank, const DeviceEngine& 
   Timer timer;
   PointCloud cloud =
       engine.engine->FuseView(problem.reference, problem.sources, run_.pipeline.fusion, rank, stamps_.get());
+  MoveCloud(run_.scene.images[static_cast<size_t>(image.index)].placed_from_world, run_.plan.origin, &cloud);
   run_.interrupt.Check();
   run_.store.HasRead(image, final_step_);
   run_.progress.Step();

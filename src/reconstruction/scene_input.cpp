@@ -48,7 +48,16 @@ std::vector<PosedImage> WithSources(const std::vector<int>& indices, const Recon
   return images;
 }
 
-std::string Describe(const PoseRefinement& refinement, const PinholeCamera& camera) {
+/// Whether the camera's errors can be taken out of an image: faces of wide ones have others than the face ahead, for
+/// which they are found.
+bool CanBeFreed(const SceneImage& image) { return !image.face && CanHaveRadialDistortion(image.distortion.model); }
+
+/// The image's lens with the radial distortion that its calibration has left.
+Lens FoundLens(const SceneImage& image, const CameraErrors& errors) {
+  return {image.camera, WithRadialDistortion({image.camera, image.distortion}, errors.k1, errors.k2)};
+}
+
+std::string Describe(const PoseRefinement& refinement, const PinholeCamera& camera, bool frees) {
   const ClassicLocale point;
   char text[256];
   std::snprintf(text, sizeof(text),
@@ -66,8 +75,9 @@ std::string Describe(const PoseRefinement& refinement, const PinholeCamera& came
   std::snprintf(
       text, sizeof(text),
       "; calibration leaves radial distortion k1 = %.4f, k2 = %.4f (%.1f px at the corner), rows are read out "
-      "in %.3f of the time from image to image",
-      errors.k1, errors.k2, DistortionShift(camera, errors, 1), errors.readout);
+      "in %.3f of the time from image to image%s",
+      errors.k1, errors.k2, DistortionShift(camera, errors, 1), errors.readout,
+      refinement.changed && frees ? ": both are taken out of the images" : "");
   return message + text;
 }
 
@@ -123,7 +133,10 @@ void AddGeometry(const Scene& scene, const SceneImage& image, Hash* hash) {
     for (double value : {file.fx, file.fy, file.cx, file.cy}) hash->Add(value);
     hash->AddBytes(image.face->lens_from_face.data(), 9 * sizeof(double));
   }
+  hash->AddBytes(image.readout.turn.data(), 3 * sizeof(double));
+  hash->AddBytes(image.readout.move.data(), 3 * sizeof(double));
   hash->AddBytes(image.cam_from_world.matrix().data(), 16 * sizeof(double));
+  hash->AddBytes(image.placed_from_world.matrix().data(), 16 * sizeof(double));
   for (int landmark : image.landmark_indices) {
     hash->AddBytes(scene.landmarks_in_world[static_cast<size_t>(landmark)].data(), 3 * sizeof(double));
   }
@@ -134,8 +147,9 @@ void AddGeometry(const Scene& scene, const SceneImage& image, Hash* hash) {
   hash->Add(image.ranked_sources.size());
 }
 
-/// Gives all faces of a wide image the pose of one of them.
-void MoveFile(int index, const RigidTransform& cam_from_world, Scene* scene) {
+/// Gives all faces of a wide image the refined pose of one of them.
+void MoveFile(const RefinedPose& pose, Scene* scene) {
+  const int index = static_cast<int>(pose.id);
   const auto rotation = [&](int i) {
     const auto& face = scene->images[static_cast<size_t>(i)].face;
     return face ? face->lens_from_face : Eigen::Matrix3d::Identity();
@@ -143,8 +157,9 @@ void MoveFile(int index, const RigidTransform& cam_from_world, Scene* scene) {
   const auto [first, last] = ImagesOfFile(*scene, index);
   for (int i = first; i < last; ++i) {
     const RigidTransform face_from_given(Eigen::Matrix3d(rotation(i).transpose() * rotation(index)));
-    scene->images[static_cast<size_t>(i)].cam_from_world =
-        i == index ? cam_from_world : face_from_given * cam_from_world;
+    SceneImage& image = scene->images[static_cast<size_t>(i)];
+    image.cam_from_world = i == index ? pose.cam_from_world : face_from_given * pose.cam_from_world;
+    image.placed_from_world = pose.cam_from_received.inverse() * pose.cam_from_world;
   }
 }
 
@@ -213,9 +228,9 @@ void CheckPriorDepths(const ReconstructOptions& options, const std::vector<int>&
       Concat(with_depth, " of ", indices.size(), " images have prior depth in ", options.prior_depth.string()));
 }
 
-void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& options, const StopRequest& interrupt,
-                      Scene* scene, Progress* progress) {
-  if (options.pose_refinement.refine == RefinePoses::kOff || options.online()) return;
+std::optional<Lens> RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& options,
+                                     const StopRequest& interrupt, Scene* scene, Progress* progress) {
+  if (options.pose_refinement.refine == RefinePoses::kOff || options.online()) return std::nullopt;
   progress->Note("refining poses");
   const std::vector<int> indices = PosedImages(plan, *scene);
   const FrameOptions frame_options = {options.max_image_size};
@@ -223,12 +238,25 @@ void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& opt
     Frame frame = LoadFrame(*scene, indices[i], frame_options);
     return ImagePixels{std::move(frame.gray), std::move(frame.mask)};
   };
+  const auto can_be_freed = [&](int index) { return CanBeFreed(scene->images[static_cast<size_t>(index)]); };
+  const bool frees = std::all_of(indices.begin(), indices.end(), can_be_freed);
   const PoseRefinement refinement = RefineImagePoses(WithSources(indices, plan, *scene, options.max_image_size), load,
-                                                     options.pose_refinement, [&] { interrupt.Check(); });
-  if (refinement.changed) {
-    for (const RefinedPose& pose : refinement.poses) MoveFile(static_cast<int>(pose.id), pose.cam_from_world, scene);
+                                                     options.pose_refinement, frees, [&] { interrupt.Check(); });
+  const SceneImage first = scene->images[static_cast<size_t>(plan.images.front().index)];
+  std::optional<Lens> found;
+  if (refinement.has_camera_errors && frees) found = FoundLens(first, refinement.camera);
+  bool is_one = true;
+  for (const RefinedPose& pose : refinement.poses) {
+    SceneImage& image = scene->images[static_cast<size_t>(pose.id)];
+    const bool is_first = image.camera == first.camera && image.distortion == first.distortion;
+    is_one &= is_first;
+    if (!refinement.changed) continue;
+    MoveFile(pose, scene);
+    image.readout = pose.readout;
+    if (found) image.distortion = (is_first ? *found : FoundLens(image, refinement.camera)).distortion();
   }
-  progress->Note(Describe(refinement, scene->images[static_cast<size_t>(plan.images.front().index)].camera));
+  progress->Note(Describe(refinement, first.camera, frees));
+  return is_one ? found : std::nullopt;
 }
 
 uint64_t HashOfFiles(const SceneImage& image) {

@@ -37,6 +37,8 @@ PinholeCamera CameraOf(const Json& json) {
 
 Json ToJson(const SceneImage& image, const std::filesystem::path& root) {
   const double* pose = image.cam_from_world.matrix().data();
+  const double* placed = image.placed_from_world.matrix().data();
+  const ReadoutMotion& readout = image.readout;
   Json json = {{"name", image.name},
                {"path", RelativePath(image.path, root)},
                {"mask", image.mask.string()},
@@ -45,7 +47,10 @@ Json ToJson(const SceneImage& image, const std::filesystem::path& root) {
                {"distortion", static_cast<int>(image.distortion.model)},
                {"coefficients", image.distortion.coefficients},
                {"field_of_view", image.field_of_view},
-               {"pose", std::vector<double>(pose, pose + 16)}};
+               {"turn", std::vector<double>(readout.turn.begin(), readout.turn.end())},
+               {"move", std::vector<double>(readout.move.begin(), readout.move.end())},
+               {"pose", std::vector<double>(pose, pose + 16)},
+               {"placed", std::vector<double>(placed, placed + 16)}};
   if (!image.face) return json;
   const double* rotation = image.face->lens_from_face.data();
   json["face"] = {{"file_camera", ToJson(image.face->file_camera)},
@@ -69,8 +74,12 @@ SceneImage ImageOf(const Json& json, const std::filesystem::path& root) {
     const std::vector<double> rotation = face.at("rotation").get<std::vector<double>>();
     std::copy_n(rotation.begin(), 9, image.face->lens_from_face.data());
   }
+  image.readout.turn = Eigen::Vector3d(json.at("turn").at(0), json.at("turn").at(1), json.at("turn").at(2));
+  image.readout.move = Eigen::Vector3d(json.at("move").at(0), json.at("move").at(1), json.at("move").at(2));
   const std::vector<double> pose = json.at("pose").get<std::vector<double>>();
   std::copy_n(pose.begin(), 16, image.cam_from_world.matrix().data());
+  const std::vector<double> placed = json.at("placed").get<std::vector<double>>();
+  std::copy_n(placed.begin(), 16, image.placed_from_world.matrix().data());
   return image;
 }
 

@@ -3,11 +3,14 @@
 
 #include <cmath>
 #include <cstring>
+#include <fstream>
+#include <iterator>
 #include <limits>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/geometry/lens.h"
 #include "dataset/test_folder.h"
 #include "fusion/engine_views.h"
 #include "support/error_text.h"
@@ -276,6 +279,22 @@ TEST_F(MeshFilesTest, NamesSayTheFormat) {
   EXPECT_EQ(MeshFormatOf("a/b.c/mesh.PLY"), MeshFormat::kPly);
   EXPECT_EQ(MeshFormatOf("mesh.obj"), MeshFormat::kObj);
   EXPECT_REFUSED(MeshFormatOf("mesh.stl"), "must end with .ply or .obj");
+}
+
+/// Line by line what camera_calibration writes; its parser was seen to read it.
+TEST_F(MapIoTest, CalibrationIsWrittenAsCameraCalibrationDoes) {
+  const PinholeCamera camera = {64, 48, 50, 51, 31.5, 23.5};
+  WriteCalibration(folder() / "camera.yaml", Lens(camera, {LensDistortion::Model::kBrownConrady, {0.1, -0.05, 0, 0}}),
+                   "found");
+  std::ifstream stream(folder() / "camera.yaml");
+  const std::string text{std::istreambuf_iterator<char>(stream), {}};
+  EXPECT_EQ(text,
+            "# found\nimage_width: 64\nimage_height: 48\ncamera_name: camera\n"
+            "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [50, 0, 31.5, 0, 51, 23.5, 0, 0, 1]\n"
+            "distortion_model: plumb_bob\n"
+            "distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [0.1, -0.05, 0, 0, 0]\n"
+            "rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n"
+            "projection_matrix:\n  rows: 3\n  cols: 4\n  data: [50, 0, 31.5, 0, 0, 51, 23.5, 0, 0, 0, 1, 0]\n");
 }
 
 class CameraListTest : public TestFolder {

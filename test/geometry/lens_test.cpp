@@ -121,6 +121,28 @@ TEST(Lens, UndistortedImagesHaveTheResolutionOfTheMiddle) {
   }
 }
 
+TEST(WithRadialDistortion, SeesThroughBoth) {
+  constexpr double k1 = 0.03, k2 = -0.02;
+  const PinholeCamera camera = {160, 120, 130, 128, 81.3, 58.6};
+  for (const LensDistortion& distortion :
+       {LensDistortion{Model::kNone, {}}, LensDistortion{Model::kBrownConrady, {-0.28, 0.07, 2e-4, 2e-5}},
+        LensDistortion{Model::kRational, {0.4, -0.2, 1e-4, -1e-4, 0.01, 0.5, -0.1, 0.02}},
+        LensDistortion{Model::kEquidistant, {-0.013, 0.02, -0.012, 0.002}},
+        LensDistortion{Model::kUnified, {0.9, -0.1, 0.02, 1e-3, 2e-3}}}) {
+    const Lens lens(camera, distortion);
+    const Lens both(camera, WithRadialDistortion(lens, k1, k2));
+    for (double x = -0.6; x < 0.6; x += 0.1) {
+      for (double y = -0.4; y < 0.5; y += 0.1) {
+        const double r2 = x * x + y * y, factor = 1 + k1 * r2 + k2 * r2 * r2;
+        const auto expected = lens.Project({factor * x, factor * y, 1}), found = both.Project({x, y, 1});
+        ASSERT_TRUE(expected && found);
+        // The distortion moves pixels by up to 0.7 px. What a model cannot say is less than remap's steps of 1/32 px.
+        EXPECT_NEAR((*found - *expected).norm(), 0, 0.02) << static_cast<int>(distortion.model) << " " << x << " " << y;
+      }
+    }
+  }
+}
+
 TEST(Lens, PixelsGoBackToTheirRays) {
   for (const LensDistortion& distortion :
        {LensDistortion{Model::kNone, {}}, LensDistortion{Model::kEquidistant, {-0.013, 0.02, -0.012, 0.002}},

@@ -80,6 +80,32 @@ TEST(Rectifier, LeavesAStraightLensAlone) {
   EXPECT_TRUE(rectifier.RectifyMask({}).empty());
 }
 
+/// The camera turns about y and moves along y while it reads out: the first rows are taken before the middle one.
+TEST(Rectifier, TakesTheRollingShutterOut) {
+  const Lens lens = MakeLens(Model::kNone, {});
+  const PinholeCamera& camera = lens.camera();
+  constexpr double kTurn = 0.05, kMove = 0.03;  // 6.5 px, 3.8 px
+  cv::Mat taken(camera.height, camera.width, CV_8UC3);
+  for (int v = 0; v < camera.height; ++v) {
+    const double time = (v + 0.5) / camera.height - 0.5;
+    const Eigen::Matrix3d back = Eigen::AngleAxisd(-time * kTurn, Eigen::Vector3d::UnitY()).toRotationMatrix();
+    for (int u = 0; u < camera.width; ++u) {
+      Eigen::Vector3d ray = camera.Unproject({static_cast<double>(u), static_cast<double>(v)});
+      ray = back * (ray + time * Eigen::Vector3d(0, kMove, 0));
+      taken.at<cv::Vec3b>(v, u) =
+          cv::Vec3b::all(cv::saturate_cast<uchar>(Pattern(ray.x() / ray.z(), ray.y() / ray.z())));
+    }
+  }
+  const ColorImage freed = Rectifier(lens, ReadoutMotion{{0, kTurn, 0}, {0, kMove, 0}}).Rectify(taken);
+  constexpr int kRim = 5;
+  for (int v = kRim; v < camera.height - kRim; ++v) {
+    for (int u = kRim; u < camera.width - kRim; ++u) {
+      // As above, 1.5 levels, and 0.06 px of rows that are looked up where their pixels are after it.
+      ASSERT_NEAR(freed(u, v).g, Pattern((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy), 2) << u << " " << v;
+    }
+  }
+}
+
 TEST(Rectifier, MasksAreRectifiedWithTheirImages) {
   const Lens lens = MakeLens(Model::kBrownConrady, {-0.28, 0.07, 2e-4, 2e-5});
   const PinholeCamera& camera = lens.camera();

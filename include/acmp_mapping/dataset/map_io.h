@@ -15,6 +15,8 @@
 
 namespace acmp {
 
+class Lens;
+
 /// Portable float maps (PFM, little endian, bottom row first): one channel for depth, cost and confidence, three for
 /// normals. Readers throw InvalidInputError naming the file for a wrong header or a truncated body; writers go through
 /// a temporary file and a rename and throw ProcessingError with the system's reason.
@@ -54,6 +56,11 @@ void WriteCameraList(const std::filesystem::path& path, const std::vector<Listed
 
 /// Throws InvalidInputError naming file, line and value.
 std::vector<ListedCamera> ReadCameraList(const std::filesystem::path& path);
+
+/// Writes a camera with its lens as camera_calibration does (YAML), which the mapper's ~calibration_file reads. Throws
+/// ProcessingError with the system's reason.
+/// @param comment lines before it, without '#'
+void WriteCalibration(const std::filesystem::path& path, const Lens& lens, const std::string& comment);
 
 /// PLY: x y z nx ny nz (float), red green blue (uchar), confidence (float).
 /// @param origin of the points' coordinates (LocalOrigin), which is added: unless it is zero, x y z are double

@@ -31,11 +31,19 @@ struct SceneImage {
   LensDistortion distortion;          ///< of the file
   double field_of_view = 0;           ///< Lens's, deg
   std::optional<FaceOfImage> face;    ///< nothing: all of the file, undistorted to the same K
+  ReadoutMotion readout;              ///< of the file; none for faces
   RigidTransform cam_from_world = RigidTransform::Identity();
+  /// Moves what is made of the image to where it is written: matched poses may have a drift of their own.
+  RigidTransform placed_from_world = RigidTransform::Identity();
   std::vector<int> landmark_indices;      ///< into Scene::landmarks_in_world: points this image observes
   std::optional<DepthRange> depth_range;  ///< where the dataset names one
   std::vector<int> ranked_sources;        ///< image indices, best first, where the dataset names them (pair.txt)
 };
+
+/// World_from_cam of the image in what is written.
+inline RigidTransform WrittenPose(const SceneImage& image) {
+  return image.placed_from_world * image.cam_from_world.inverse();
+}
 
 /// A posed image set. Image i of `images` has index i everywhere.
 struct Scene {
@@ -87,8 +95,8 @@ std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& i
 /// differs from the camera's.
 ColorImage LoadImage(const Scene& scene, int index);
 
-/// Loads one image, undistorts it if need be (black and masked where nothing is known) and makes a frame of it with id
-/// = index, its mask and its landmarks. Throws as LoadImage and LoadMask do.
+/// Loads one image, takes lens and rolling shutter out if need be (black and masked where nothing is known) and makes a
+/// frame of it with id = index, its mask and its landmarks. Throws as LoadImage and LoadMask do.
 Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options = {});
 
 // Files beside the images, in folders of their own: masks, and depth maps from outside.

@@ -30,6 +30,15 @@ struct LensDistortion {
   bool operator==(const LensDistortion& o) const { return model == o.model && coefficients == o.coefficients; }
 };
 
+/// How the camera moved while the rows of an image were read out one after the other (rolling shutter), from the first
+/// to the last. Nothing: all rows were taken at once.
+struct ReadoutMotion {
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rad, of the scene about the camera's axes
+  Eigen::Vector3d move = Eigen::Vector3d::Zero();  ///< of the camera along its axes, over the scene's typical depth
+
+  bool operator==(const ReadoutMotion& o) const { return turn == o.turn && move == o.move; }
+};
+
 /// A camera with its lens: at which pixel of the image as it is stored or sent a ray is seen. Rays are in the camera's
 /// frame, of any length.
 class Lens {
@@ -76,6 +85,14 @@ class Lens {
   double cos_limit_ = 0;          ///< its cosine
   double radius_ = 0;             ///< where that is seen from the principal point, for a focal length of 1
 };
+
+/// Whether the model's coefficients can say one: not those of EUCM, double sphere and whole spheres.
+bool CanHaveRadialDistortion(LensDistortion::Model model);
+
+/// The coefficients of a lens in front of which a ray at (x, y, 1) comes from (x, y) (1 + k1 r^2 + k2 r^4), as those of
+/// its own model (of LensDistortion::Model::kNone: kBrownConrady) that fit best within the image.
+/// @param lens of a model that can have it (CanHaveRadialDistortion)
+LensDistortion WithRadialDistortion(const Lens& lens, double k1, double k2);
 
 /// Throws what the Lens does, with a name before it.
 void CheckLens(const std::string& name, const PinholeCamera& camera, const LensDistortion& distortion,

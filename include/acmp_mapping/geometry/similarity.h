@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "acmp_mapping/geometry/rigid_transform.h"
@@ -25,17 +26,22 @@ struct PosePair {
 /// Fewer poses do not tell scale and place of a trajectory.
 constexpr size_t kMinForSimilarity = 4;
 
-/// The similarity that takes poses from their first world to their second: mean of the rotations, least squares of the
-/// centres along them. A trajectory may be straight, so that its centres alone do not tell the rotation. The identity
-/// for fewer than kMinForSimilarity poses; scale 1 where the centres do not tell it.
+/// The similarity that takes poses of a trajectory, in its order, from their first world to their second: mean of the
+/// rotations and of the centres, and the scale by least squares of the baselines from each pose to the fourth after it.
+/// Least squares of all centres would take a drift of the trajectory for a scale (1 % for a headset's tracker whose
+/// baselines are right to 0.1 %). A trajectory may be straight, so that its centres alone do not tell the rotation. The
+/// identity for fewer than kMinForSimilarity poses; scale 1 where the baselines do not tell it.
 Similarity FitSimilarity(const std::vector<PosePair>& poses);
 
-/// How far along a trajectory AlignAlong looks, poses to each side.
-constexpr size_t kAlignmentReach = 120;
+/// How far along a trajectory AlignAlong looks, poses to each side: for the place, and for the scale.
+constexpr size_t kAlignmentReach = 60, kScaleReach = 480;
 
 /// For each pose of a trajectory the similarity that fits it and those around it, whose weight falls linearly to none
-/// at kAlignmentReach poses. So the trajectory follows the second world, which has another drift, and neighbours, which
-/// see the same surfaces, are moved alike. Takes time in proportion to the number of poses.
-std::vector<Similarity> AlignAlong(const std::vector<PosePair>& poses);
+/// at kAlignmentReach poses; for the scale, whose changes are the frontend's errors rather than the refinement's, at
+/// kScaleReach. So the trajectory follows the second world, which has another drift, and neighbours, which see the same
+/// surfaces, are moved alike: they come to lie 0.3 to 1 cm apart over ten keyframes of recorded frontends. Takes time
+/// in proportion to the number of poses.
+/// @param scale where it is known
+std::vector<Similarity> AlignAlong(const std::vector<PosePair>& poses, std::optional<double> scale = std::nullopt);
 
 }  // namespace acmp

@@ -15,12 +15,16 @@ namespace acmp {
 /// use it.
 class Rectifier {
  public:
-  /// Takes the distortion out: the pinhole camera is lens.Undistorted().
-  explicit Rectifier(const Lens& lens) : Rectifier(lens, {"", lens.Undistorted()}) {}
-  Rectifier(const Lens& lens, PinholeFace face) : lens_(lens), face_(std::move(face)) {}
+  /// Takes the distortion out: the pinhole camera is lens.Undistorted(). And what the camera moved while rows were read
+  /// out: the image is that of the middle row's time.
+  explicit Rectifier(const Lens& lens, const ReadoutMotion& readout = {})
+      : Rectifier(lens, {"", lens.Undistorted()}, readout) {}
+  Rectifier(const Lens& lens, PinholeFace face, const ReadoutMotion& readout = {})
+      : lens_(lens), face_(std::move(face)), readout_(readout) {}
 
   const Lens& lens() const { return lens_; }
   const PinholeFace& face() const { return face_; }
+  const ReadoutMotion& readout() const { return readout_; }
 
   /// Bilinear; black where the lens sees nothing. Throws InvalidInputError when the image (8-bit RGB) has not the size
   /// of the lens' camera. The first image of this size makes the maps: a camera alone, whatever size it claims, takes
@@ -52,6 +56,7 @@ class Rectifier {
 
   Lens lens_;
   PinholeFace face_;
+  ReadoutMotion readout_;
   mutable std::once_flag made_;
   mutable Maps maps_;  ///< made at the first use
 };

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "acmp_mapping/geometry/lens.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/frame.h"
 #include "acmp_mapping/pose_refinement/pose_fit.h"
@@ -39,6 +40,9 @@ struct RefinedPose {
   RigidTransform cam_from_world = RigidTransform::Identity();
   /// The same in the world of the received poses, to which `scale` takes lengths.
   RigidTransform cam_from_received = RigidTransform::Identity();
+  /// What has to be taken out of the image, beside radial distortion, for cam_from_world to be its pose; nothing: the
+  /// pose is that of the image as it is. Of RefineImagePoses only.
+  ReadoutMotion readout;
   PoseFit received_fit;  ///< matches of this image with all others, with the poses as received
   PoseFit refined_fit;   ///< and with refined ones, whether they are used or not
 };
@@ -86,8 +90,11 @@ struct ImagePixels {
 /// order in which they were taken, as far as there is one. The same input gives the same bits. Works in parallel (TBB).
 /// Throws InvalidInputError for bad options, depth ranges or indices, and whatever `load` throws.
 /// @param load gives the pixels of the image at a position, of its camera's size; called by several threads
+/// @param frees where poses are changed and the camera has errors, they are those of images freed from these: from
+///   radial distortion as in `camera`, and from each image's `readout`; false: those of images as they are
 /// @param check called after each parallel loop, to throw where that was cancelled; may be empty
 PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std::function<ImagePixels(size_t)>& load,
-                                const PoseRefinementOptions& options, const std::function<void()>& check = {});
+                                const PoseRefinementOptions& options, bool frees = true,
+                                const std::function<void()>& check = {});
 
 }  // namespace acmp

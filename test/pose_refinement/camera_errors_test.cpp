@@ -1,0 +1,123 @@
+// Poses of a bundle adjustment that took a camera with a rolling shutter and radial distortion for a pinhole, with
+// images of such a camera: rendered ones, warped by its errors.
+
+#include <gtest/gtest.h>
+
+#include "bundle.h"
+#include "pose_scene.h"
+
+namespace acmp {
+namespace {
+
+constexpr size_t kViews = 24;
+const CameraErrors kErrors = {0.04, -0.05, 0.15};  // 1 px at the corner, 3 px from the first row to the last
+
+/// A walk through the room.
+const std::vector<SyntheticView>& Walk() {
+  static const std::vector<SyntheticView> views = [] {
+    SyntheticSceneOptions options;
+    options.width = 320;
+    options.height = 240;
+    options.keyframes = kViews;
+    return MakeSyntheticScene(options);
+  }();
+  return views;
+}
+
+class CameraErrorsTest : public ::testing::Test {
+ protected:
+  CameraErrorsTest() {
+    for (size_t i = 0; i < kViews; ++i) {
+      const Frame& frame = Walk()[i].frame;
+      truth_.cameras.push_back(frame.camera);
+      truth_.received.push_back(ToViewPose(frame.cam_from_world));
+      truth_.times.push_back(static_cast<double>(i));
+    }
+    truth_.poses = truth_.expected = truth_.received;
+    truth_.motions.resize(kViews);
+    motions_ = MotionsOf(truth_);
+  }
+
+  /// Where the camera sees what an ideal one sees at a pixel.
+  Eigen::Vector2d Seen(size_t view, const Eigen::Vector2d& ideal, double depth) const {
+    const PixelErrors errors = PixelErrorsAt(truth_.cameras[view], ideal, truth_.poses[view], motions_[view],
+                                             truth_.cameras[view].Unproject(ideal), 1 / depth);
+    return ideal + errors.by_parameter * Eigen::Vector3d(kErrors.k1, kErrors.k2, kErrors.readout);
+  }
+
+  GrayImage ImageWithErrors(size_t view) const {
+    const SyntheticView& rendered = Walk()[view];
+    const GrayImage& gray = rendered.frame.gray;
+    GrayImage image = gray.Clone();
+    for (int row = 0; row < image.height(); ++row) {
+      for (int col = 0; col < image.width(); ++col) {
+        const Eigen::Vector2d pixel(col, row);
+        // Errors change slowly: those at the pixel are those where it comes from.
+        const Eigen::Vector2d from = 2 * pixel - Seen(view, pixel, rendered.true_depth(col, row));
+        const double u = std::clamp(from.x(), 0.0, gray.width() - 1.001),
+                     v = std::clamp(from.y(), 0.0, gray.height() - 1.001);
+        const int c = static_cast<int>(u), r = static_cast<int>(v);
+        const double a = u - c, b = v - r;
+        image(col, row) = static_cast<float>((1 - b) * ((1 - a) * gray(c, r) + a * gray(c + 1, r)) +
+                                             b * ((1 - a) * gray(c, r + 1) + a * gray(c + 1, r + 1)));
+      }
+    }
+    return image;
+  }
+
+  std::vector<RigidTransform> TruePoses() const {
+    std::vector<RigidTransform> poses;
+    for (const ViewPose& pose : truth_.poses) poses.push_back(ToRigidTransform(pose));
+    return poses;
+  }
+
+  PoseRefinement RefineAll(const std::vector<RigidTransform>& received, RefinePoses refine) const {
+    std::vector<PosedImage> images;
+    for (size_t i = 0; i < kViews; ++i) {
+      PosedImage image;
+      image.id = static_cast<int64_t>(i);
+      image.camera = truth_.cameras[i];
+      image.cam_from_world = received[i];
+      image.depth_range = kRoomRange;
+      for (size_t gap : {2, 1, 3}) {
+        if (i >= gap) image.sources.push_back(static_cast<int>(i - gap));
+        if (i + gap < kViews) image.sources.push_back(static_cast<int>(i + gap));
+      }
+      images.push_back(std::move(image));
+    }
+    const auto load = [this](size_t i) { return ImagePixels{ImageWithErrors(i), {}}; };
+    return RefineImagePoses(images, load, {refine});
+  }
+
+  Bundle truth_;
+  std::vector<CameraMotion> motions_;
+};
+
+TEST_F(CameraErrorsTest, PosesThatAreReplacedAreThoseOfFreedImages) {
+  const std::vector<RigidTransform> truth = TruePoses();
+  const PoseRefinement result = RefineAll(truth, RefinePoses::kOn);
+  ASSERT_TRUE(result.changed) << result.reason;
+  ASSERT_TRUE(result.has_camera_errors);
+  EXPECT_NEAR(result.camera.readout, kErrors.readout, 0.03);
+  // Twice what corners at 320 x 240 leave of exact poses without such errors.
+  const MotionErrors errors = CompareMotions(PosesOf(result.poses), truth);
+  EXPECT_LT(errors.rotation_deg, 0.1);
+  EXPECT_LT(errors.position, 0.006);
+  constexpr size_t kMiddle = kViews / 2;
+  const Eigen::Vector3d turn = kErrors.readout * motions_[kMiddle].angular;
+  EXPECT_LT((result.poses[kMiddle].readout.turn - turn).norm(), 0.2 * turn.norm());
+}
+
+TEST_F(CameraErrorsTest, RightPosesStayThoughTheCameraHasErrors) {
+  const std::vector<RigidTransform> truth = TruePoses();
+  const PoseRefinement result = RefineAll(truth, RefinePoses::kAuto);
+  EXPECT_TRUE(result.has_camera_errors);
+  EXPECT_FALSE(result.changed);
+  for (size_t i = 0; i < kViews; ++i) {
+    EXPECT_TRUE(SameBits(result.poses[i].cam_from_world, truth[i])) << i;
+    EXPECT_EQ(result.poses[i].readout, ReadoutMotion());
+  }
+}
+
+}  // namespace
+}  // namespace acmp
