@@ -17,6 +17,8 @@ namespace {
 
 using XmlRpc::XmlRpcValue;
 
+/// A new master often comes with new processes. One of this one's name goes first: its clients must not find this one.
+constexpr int kChecksForOthers = 5;
 constexpr int kChecksPerReading = 5;  ///< subscriptions of other nodelets in the process may come and go
 
 /// A call of the master's API; false if it cannot be reached or refuses. Does not wait for a master.
@@ -70,6 +72,8 @@ void MasterWatch::Check() {
   }
   const int pid = payload;
   const bool restarted = master_pid_ != 0 && pid != master_pid_;
+  checks_of_new_ = restarted ? checks_of_new_ + 1 : 0;
+  if (restarted && checks_of_new_ <= kChecksForOthers) return;
   if (restarted && !Register()) return;  // there is another of this name, or it went again: another time
   if (restarted) {
     report_(Concat("the ROS master was restarted: ", publications_.size() + subscriptions_.size(), " topics and ",

@@ -36,7 +36,7 @@ class MasterWatch {
   int master_pid_ = 0;  ///< 0 = never seen
   bool reachable_ = true;
   bool replaced_ = false;
-  int checks_ = 0;
+  int checks_ = 0, checks_of_new_ = 0;               ///< of a master that was seen before, and of a new one
   std::map<std::string, std::string> publications_;  ///< topic to type
   std::vector<std::string> subscriptions_;
   std::vector<std::string> services_;
