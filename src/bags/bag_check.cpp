@@ -46,7 +46,7 @@ struct Stream {
 };
 
 /// A keyframe whose image may be matched with others.
-struct PosedView {
+struct ViewInBag {
   int64_t stamp_ns;
   RigidTransform world_from_cam;
   CalibrationPtr calibration;
@@ -64,7 +64,7 @@ struct IntakeRun {
   std::map<std::string, size_t> with_source;  ///< keyframes that have an image of this topic
   std::string source_places;                  ///< where these are
   std::map<int64_t, ros::Time> received;      ///< images, by stamp
-  std::vector<PosedView> views;
+  std::vector<ViewInBag> views;
   PoseSemantics semantics;          ///< with the T_body_cam in use, or known
   size_t posed = 0;                 ///< images that have got a pose, whatever became of them
   double path = 0;                  ///< length, unit of the poses
@@ -590,9 +590,9 @@ bool UseTf(const IntakeRun& run, const tf2::BufferCore& transforms, NodeOptions*
 }
 
 /// Those that are matched: some in a row, from several places of the recording.
-std::vector<PosedView> ChooseViews(const std::vector<PosedView>& views) {
+std::vector<ViewInBag> ChooseViews(const std::vector<ViewInBag>& views) {
   if (views.size() <= kViewsInARow * kMostRows) return views;
-  std::vector<PosedView> chosen;
+  std::vector<ViewInBag> chosen;
   for (size_t row = 0; row < kMostRows; ++row) {
     const auto start = static_cast<int64_t>((views.size() - kViewsInARow) * row / (kMostRows - 1));
     chosen.insert(chosen.end(), views.begin() + start, views.begin() + start + static_cast<int64_t>(kViewsInARow));
@@ -606,7 +606,7 @@ ReadingVerdict JudgeImages(const rosbag::Bag& bag, const std::string& topic, con
   ReadingCheck check(kViewsInARow * kMostRows);
   std::unique_ptr<Rectifier> rectifier;
   CalibrationPtr calibration;
-  for (const PosedView& view : ChooseViews(run.views)) {
+  for (const ViewInBag& view : ChooseViews(run.views)) {
     if (view.calibration != calibration) {
       calibration = view.calibration;
       const Lens lens = calibration->MakeLens();

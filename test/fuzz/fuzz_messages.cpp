@@ -14,7 +14,6 @@
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/keyframe_points.h"
-#include "acmp_mapping/ros/optimized_path.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "fuzz/fuzz_input.h"
 

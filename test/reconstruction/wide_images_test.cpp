@@ -153,8 +153,8 @@ void ExpectThatFacesMoveAsOne(const std::filesystem::path& scene, const std::fil
   FakeMatcher matcher;
   StopRequest stop;
   std::ostringstream out, log;
-  const auto devices = [&] { return OnHost(std::make_unique<FakeMatcherEngine>(&matcher)); };
-  Reconstruct(options, devices, &stop, &out, &log, false);
+  const DeviceMaker devices = [&] { return OnHost(std::make_unique<FakeMatcherEngine>(&matcher)); };
+  Reconstruct(options, {devices, stop, out, log, false});
   EXPECT_THAT(log.str(), HasSubstr("refined poses are used"));
   const std::vector<PinholeFace> faces = FacesOf(views.front().wide->lens);
   const std::vector<ListedCamera> cameras = ReadCameraList(output / "cameras.txt");
@@ -191,8 +191,8 @@ TEST_F(WideSceneFiles, FacesMapWhatOnePinholeLoses) {
     options.quiet = true;
     StopRequest stop;
     std::ostringstream out;
-    const auto devices = [] { return OnHost(std::make_unique<HostDepthEngine>()); };
-    Reconstruct(options, devices, &stop, &out, &std::cerr, false);
+    const DeviceMaker devices = [] { return OnHost(std::make_unique<HostDepthEngine>()); };
+    Reconstruct(options, {devices, stop, out, std::cerr, false});
     const CloudMetrics metrics = EvaluateCloud(ReadPly(options.output / "fused.ply"), truth, {0.05}, 0.02).front();
     const double sphere = SphereShare(options.output);
     std::cout << wide_faces << ", " << schedule << ": sphere " << 100 * sphere << " %, accuracy " << metrics.accuracy

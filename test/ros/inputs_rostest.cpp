@@ -209,4 +209,32 @@ TEST_F(InputsTest, CompressedImagesInverseFluPosesAndPointsOfTheCameraThroughThe
   EXPECT_EQ(mapper.keyframes.messages().front()->header.frame_id, "earth");
 }
 
+TEST_F(InputsTest, AnInvertedExtrinsicIsNamed) {
+  RigidTransform body_from_cam = RigidTransform::Identity();
+  body_from_cam.linear() = Eigen::AngleAxisd(1.2, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+  body_from_cam.translation() = Eigen::Vector3d(0.1, 0, 0.05);
+  XmlRpc::XmlRpcValue inverse;
+  for (int i = 0; i < 16; ++i) inverse[i] = body_from_cam.inverse().matrix()(i / 4, i % 4);
+  constexpr int kWidth = 240;  // px: enough for matches between images
+  Mapper mapper("/inverted",
+                {{"pose_child", std::string("body")}, {"T_body_cam", inverse}, {"max_image_size", kWidth}});
+  ros::NodeHandle nh("/inverted");
+  ScenePlayer player(nh);
+  Recorder<rosgraph_msgs::Log> log(nh, "/rosout");
+  ASSERT_TRUE(player.WaitForMapper(kTimeoutS) && mapper.WaitUntilReady() && log.WaitForPublisher(kTimeoutS));
+  for (ViewMessages& view : MakeSmallScene(8, 1000, kWidth)) {
+    view.pose.pose = tf2::toMsg(ToTransform(view.pose.pose) * body_from_cam.inverse());
+    player.Publish(view);
+  }
+  std_srvs::Trigger flush;
+  ASSERT_TRUE(ros::service::call("/inverted/mapper/flush", flush));
+  const auto told = [](const std::vector<rosgraph_msgs::LogConstPtr>& lines) {
+    return std::any_of(lines.begin(), lines.end(), [](const auto& line) {
+      return line->msg.find("pose_reading") == 0 &&
+             line->msg.find("what fits is the inverse of T_body_cam") != std::string::npos;
+    });
+  };
+  EXPECT_TRUE(log.WaitUntil(told, kTimeoutS));
+}
+
 }  // namespace acmp::test::inputs_rostest
