@@ -130,7 +130,7 @@ ACMP_FUZZ_TARGET(work_file) {
   const auto read = [&path] {
     CheckWorkFile(path);
     ReadPoints(path);
-    fuzz::MayRefuse([&] { ReadEstimate(path, 3, 2); });
+    fuzz::MayRefuse([&] { ReadEstimate(path); });
     fuzz::MayRefuse([&] { ReadFinalMaps(path); });
   };
   read();
