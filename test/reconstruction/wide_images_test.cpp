@@ -113,8 +113,7 @@ TEST_F(WideImagesTest, CanStayOnePinholeImageEach) {
   EXPECT_EQ(Cameras()[0].camera.width, kSize);
   options_.wide_faces = "auto";
   EXPECT_THAT(Error(), HasSubstr("input")) << "it is another scene now";
-  EXPECT_THAT(ErrorWith([](ReconstructOptions* o) { o->field_of_view = 400; }),
-              HasSubstr("--field-of-view = 400"));
+  EXPECT_THAT(ErrorWith([](ReconstructOptions* o) { o->field_of_view = 400; }), HasSubstr("--field-of-view = 400"));
 }
 
 /// Share of the sphere with confident depth, mean of the images.
