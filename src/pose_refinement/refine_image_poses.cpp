@@ -224,8 +224,7 @@ PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std
   const std::vector<ViewPose>& found = frees ? refined->poses : resected;
   const std::vector<ViewPose> scaled =
       Moved(FitSimilarity(found, refined->received, found.size(), TypicalDepth(*refined)), found);
-  // Received poses that are bent would bend the map again: it lies as a whole.
-  const std::vector<ViewPose> placed = state.bent ? scaled : PlacedAlong(scaled, refined->received);
+  const std::vector<ViewPose> placed = PlacedAlong(scaled, refined->received);
   const auto in_world = [&](const ViewPose& pose) {
     return ToRigidTransform({pose.rotation, pose.centre + refined->origin});
   };
