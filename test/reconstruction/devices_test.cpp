@@ -171,8 +171,11 @@ class DeviceMemoryTest : public ReconstructDevicesTest {
     gpus_.before = [&](int, int, int) {
       const std::lock_guard<std::mutex> lock(mutex);
       size_t estimates = 0;
-      for (const auto& file : Has("work") ? Contents(output(name) / "work") : std::map<std::string, std::string>()) {
-        estimates += file.first.rfind("points/", 0) == 0 ? 0 : 1;
+      std::error_code gone;  // other threads write and remove files meanwhile
+      const std::filesystem::recursive_directory_iterator end;
+      for (std::filesystem::recursive_directory_iterator file(output(name) / "work", gone); file != end;
+           file.increment(gone)) {
+        estimates += file->path().has_extension() && file->path().parent_path().filename() != "points" ? 1 : 0;
       }
       most = std::max(most, estimates);
     };
