@@ -24,7 +24,7 @@ class CudaFill : public virtual DepthEngine {
       EngineView reference = problem.reference;
       reference.estimate = start;
       const FusionSetup setup = SetUpFusion(reference, problem.sources, ConsistencyLimits(),
-                                            [&](const EngineView& view) { return MapsOf(view, queue_); });
+                                            [&](const EngineView& view) { return DeviceMapsOf(view, queue_); });
       const FillContext context =
           MakeFillContext(setup.camera(), problem.depth_range, options, static_cast<int>(setup.sources().size()));
       if (setup.sources().empty()) return start;

@@ -17,7 +17,7 @@
 namespace acmp {
 
 /// A view's maps without colours. Throws InvalidInputError without an estimate of this GPU.
-inline FusionMaps MapsOf(const EngineView& view, const DeviceQueue& queue) {
+inline FusionMaps DeviceMapsOf(const EngineView& view, const DeviceQueue& queue) {
   const CudaEstimate& estimate = queue.Cast<CudaEstimate>(view.estimate);
   return {estimate.DepthView(), estimate.PlaneView(), estimate.CostView(), {}};
 }
@@ -132,7 +132,7 @@ class CudaFusion : public virtual DepthEngine {
   /// What gives a view's maps with its colours, where the frame has some.
   std::function<FusionMaps(const EngineView&)> ColoredMaps() {
     return [this](const EngineView& view) {
-      FusionMaps maps = MapsOf(view, queue_);
+      FusionMaps maps = DeviceMapsOf(view, queue_);
       maps.color = ColorOf(view, &queue_);
       return maps;
     };
