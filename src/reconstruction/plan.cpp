@@ -162,7 +162,7 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
   const SourceCandidates candidates(scene, indices);
   tbb::parallel_for(size_t{0}, plan.images.size(), [&](size_t i) {
     ImagePlan& image = plan.images[i];
-    if (scene.images[image.index].ranked_sources.empty()) {
+    if (scene.images[image.index].ranked_sources.empty() && image.range.max > 0) {
       image.sources = candidates.Select(image.index, TypicalDepth(image.range), options.source_views);
     }
   });
