@@ -1,0 +1,66 @@
+#pragma once
+
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include <rosbag/bag.h>
+
+#include "acmp_mapping/keyframe/depth_range.h"
+#include "acmp_mapping/ros/keyframe_intake.h"
+#include "bag_topics.h"
+
+namespace acmp {
+
+/// What the mapper makes of the messages of one topic.
+struct Stream {
+  std::vector<int64_t> stamps_ns;  ///< of those that can be used
+  size_t refused = 0;
+  std::string refusal;  ///< why, of the first one
+  std::string frame;    ///< of the last one
+
+  size_t used() const { return stamps_ns.size(); }
+  size_t size() const { return used() + refused; }
+};
+
+/// A keyframe whose image may be matched with others.
+struct ViewInBag {
+  int64_t stamp_ns;
+  RigidTransform world_from_cam;
+  CalibrationPtr calibration;
+};
+
+/// All that one run of a bag through the mapper's intake tells.
+struct IntakeRun {
+  Stream images, infos, poses, clouds, masks;
+  std::vector<Stream> source_images;
+  std::string encoding;  ///< of the last image
+  std::set<std::pair<int, int>> sizes;
+  std::optional<CameraCalibration> calibration;  ///< the last one
+  bool names_a_model = true;                     ///< the calibration, of distortion
+  size_t keyframes = 0, masked = 0, time_jumps = 0;
+  std::map<std::string, size_t> with_source;  ///< keyframes that have an image of this topic
+  std::string source_places;                  ///< where these are
+  std::map<int64_t, ros::Time> received;      ///< images, by stamp
+  std::vector<ViewInBag> views;
+  PoseSemantics semantics;          ///< with the T_body_cam in use, or known
+  size_t posed = 0;                 ///< images that have got a pose, whatever became of them
+  double path = 0;                  ///< length, unit of the poses
+  std::string child_frame;          ///< of the last pose
+  std::optional<DepthRange> range;  ///< of the landmarks of all keyframes
+  std::vector<std::string> warnings, convention_warnings;
+  struct Rejection {
+    size_t count = 0;
+    std::string first;
+  };
+  std::map<std::string, Rejection> rejections;  ///< by reason
+  std::optional<double> share_in_front;
+};
+
+/// Feeds a bag to the mapper's intake, in the order in which it was recorded. Messages that cannot be used are counted.
+IntakeRun FeedBag(const rosbag::Bag& bag, const BagTopics& topics, const NodeOptions& options,
+                  const TransformSource& transforms);
+
+}  // namespace acmp
