@@ -195,6 +195,15 @@ std::vector<Eigen::Vector3d> WallAt(double depth) {
   return points;
 }
 
+TEST(KeyframeIntake, AfterAJumpOfTimeTheGateBeginsAnew) {
+  NodeOptions options;
+  options.keyframe_mode = KeyframeMode::kGate;
+  KeyframeIntake intake = MakeIntake(options, 2);
+  EXPECT_THAT(Feed(&intake, 50, 1, nullptr).keyframes, SizeIs(1));
+  EXPECT_THAT(Feed(&intake, 51, 1, nullptr).keyframes, IsEmpty()) << "it shows nothing new";
+  EXPECT_THAT(Feed(&intake, 5, 1, nullptr).keyframes, SizeIs(1)) << "the bag is played again";
+}
+
 TEST(KeyframeIntake, NothingOfAStartThatFailsIsUsed) {
   KeyframeIntake intake = MakeIntake();
   const auto add = [&](uint32_t stamp_s, const std::vector<Eigen::Vector3d>& points) {
