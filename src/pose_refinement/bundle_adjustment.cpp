@@ -1,6 +1,7 @@
 #include "bundle_adjustment.h"
 
 #include <ceres/ceres.h>
+#include <ceres/normal_prior.h>
 #include <glog/logging.h>
 #include <mutex>
 
@@ -152,23 +153,6 @@ class SightingCost : public ceres::SizedCostFunction<2, kPoseSize, kPoseSize, 1,
   const double weight_;
 };
 
-/// What sightings whose views do not move tell of an inverse depth: their sum, linear about the depth known so far.
-class DepthPrior : public ceres::SizedCostFunction<1, 1> {
- public:
-  /// @param information 1 / variance
-  DepthPrior(double inverse_depth, double information)
-      : inverse_depth_(inverse_depth), weight_(std::sqrt(information)) {}
-
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    residuals[0] = weight_ * (parameters[0][0] - inverse_depth_);
-    if (jacobians && jacobians[0]) jacobians[0][0] = weight_;
-    return true;
-  }
-
- private:
-  const double inverse_depth_, weight_;
-};
-
 /// An expected pose. The rotation's derivative is that at zero: corrections are small.
 class PosePrior : public ceres::SizedCostFunction<6, kPoseSize> {
  public:
@@ -233,22 +217,6 @@ class MotionPrior : public ceres::SizedCostFunction<6, kPoseSize, kPoseSize> {
   const double turn_weight_, move_weight_;
 };
 
-class CameraPrior : public ceres::SizedCostFunction<3, 3> {
- public:
-  CameraPrior(const Eigen::Vector3d& mean, const Eigen::Vector3d& sigma) : mean_(mean), sigma_(sigma) {}
-
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    for (int i = 0; i < 3; ++i) residuals[i] = (parameters[0][i] - mean_[i]) / sigma_[i];
-    if (jacobians && jacobians[0]) {
-      for (int i = 0; i < 9; ++i) jacobians[0][i] = i % 4 == 0 ? 1 / sigma_[i / 4] : 0;
-    }
-    return true;
-  }
-
- private:
-  const Eigen::Vector3d mean_, sigma_;
-};
-
 std::array<double, kPoseSize> ToParameters(const ViewPose& pose) {
   const Eigen::Quaterniond& q = pose.rotation;
   return {q.x(), q.y(), q.z(), q.w(), pose.centre.x(), pose.centre.y(), pose.centre.z()};
@@ -305,7 +273,8 @@ class Adjustment {
     camera_errors_ = ToVector(camera_);
     problem_.AddParameterBlock(camera_errors_.data(), 3);
     ordering_->AddElementToGroup(camera_errors_.data(), 1);
-    AddPrior<CameraPrior>({camera_errors_.data()}, camera_errors_, ToVector(weights.camera_sigma));
+    const Eigen::Vector3d camera_weights = ToVector(weights.camera_sigma).cwiseInverse();
+    AddPrior<ceres::NormalPrior>({camera_errors_.data()}, camera_weights.asDiagonal(), camera_errors_);
     const std::vector<CameraMotion> motions = MotionsOf(bundle_);
     for (Landmark& landmark : bundle_.landmarks) {
       if (!landmark.held_out && IsSeenFrom(landmark, fixed_views)) AddSightings(motions, &landmark);
@@ -385,8 +354,10 @@ class Adjustment {
                                 camera_errors_.data());
       added = true;
     }
-    if (added && information > 0) {
-      AddPrior<DepthPrior>({&landmark->inverse_depth}, landmark->inverse_depth - gradient / information, information);
+    if (added && information > 0) {  // what fixed views tell of the depth: linear about the depth known so far
+      using Scalar = Eigen::Matrix<double, 1, 1>;
+      AddPrior<ceres::NormalPrior>({&landmark->inverse_depth}, Scalar(std::sqrt(information)),
+                                   Scalar(landmark->inverse_depth - gradient / information));
     }
     if (added) ordering_->AddElementToGroup(&landmark->inverse_depth, 0);
   }
