@@ -187,8 +187,9 @@ std::pair<double, double> MeanOfMedians(const PoseRefinement& result) {
   return {before / std::max(count, 1), after / std::max(count, 1)};
 }
 
-std::string WhyUnchanged(const PoseRefinement& result, const PoseRefinementOptions& options, bool bent,
-                         bool was_changed) {
+/// @param focal_length of the images, px
+std::string WhyUnchanged(const PoseRefinement& result, const PoseRefinementOptions& options, double focal_length,
+                         bool bent, bool was_changed) {
   constexpr int kMinMatches = 50, kMinLandmarks = 50;
   if (result.landmarks < kMinLandmarks || result.received_fit.matches < kMinMatches) {
     return Concat("few matches: ", result.landmarks, " landmarks, ", result.received_fit.matches,
@@ -197,10 +198,11 @@ std::string WhyUnchanged(const PoseRefinement& result, const PoseRefinementOptio
   if (options.refine == RefinePoses::kOn || bent) return "";
   const auto [before, after] = MeanOfMedians(result);
   // By so much the mean of the images' median residuals must fall. Half of it is enough to go on with refined poses.
-  constexpr double kNeededShare = 0.2, kNeeded_px = 0.05;
-  const double share = was_changed ? kNeededShare / 2 : kNeededShare;
-  const double least = was_changed ? kNeeded_px / 2 : kNeeded_px;
-  if (before - after >= std::max(share * before, least)) return "";
+  // Corners are found to 0.05 px. With a baseline of a tenth of the depth, 1e-4 rad are 0.1 % of the depth, a third of
+  // what depths may lie apart to confirm each other: no map shows that.
+  constexpr double kNeededShare = 0.2, kNeeded_px = 0.05, kNeeded_rad = 1e-4;
+  const double needed = std::max({kNeededShare * before, kNeeded_px, kNeeded_rad * focal_length});
+  if (before - after >= (was_changed ? needed / 2 : needed)) return "";
   return Concat("poses fit well enough: refined ones would lower the mean of the images' median residuals from ",
                 before, " to ", after, " px");
 }
@@ -319,7 +321,7 @@ PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<int64_t>&
     result.poses[i].received_fit = before.of_view[i].Fit();
     result.poses[i].refined_fit = after.of_view[i].Fit();
   }
-  result.reason = WhyUnchanged(result, options, state.bent, was_changed);
+  result.reason = WhyUnchanged(result, options, bundle.cameras.back().fx, state.bent, was_changed);
   result.changed = result.reason.empty();
   for (size_t i = 0; i < ids.size() && result.changed; ++i) {
     result.poses[i].cam_from_world = result.poses[i].cam_from_received =
