@@ -265,36 +265,35 @@ bool AreBent(const ModelComparison& comparison, double nearer) {
          comparison.to_camera > kLeastBend * comparison.bundles;
 }
 
-std::optional<Bundle> CompareModels(const Bundle& bundle, RefinementState* state) {
-  ModelComparison& comparison = state->comparison;
+std::optional<Bundle> CompareModels(const Bundle& bundle, BundleWeights weights, ModelComparison* comparison) {
   constexpr double kNone = 1e-9;
+  ForgetExpectedPoses(TypicalDepth(bundle), &weights);
   const auto adjust = [&](const CameraErrors& camera_sigma, Bundle* adjusted, CameraErrors* camera) {
-    BundleWeights weights = state->weights;
-    ForgetExpectedPoses(TypicalDepth(bundle), &weights);
-    weights.camera_sigma = camera_sigma;
+    BundleWeights with_camera = weights;
+    with_camera.camera_sigma = camera_sigma;
     constexpr int kIterations = 25;
-    return AdjustBundle(weights, kIterations, 0, adjusted, camera);
+    return AdjustBundle(with_camera, kIterations, 0, adjusted, camera);
   };
   Bundle pinhole = bundle, free = bundle;
-  CameraErrors none, camera = comparison.camera;
+  CameraErrors none, camera = comparison->camera;
   bool solved_pinhole = false, solved_free = false;
   tbb::parallel_invoke(
       [&] {
         solved_pinhole = adjust({kNone, kNone, kNone}, &pinhole, &none);
       },
-      [&] { solved_free = adjust(CameraSigma(bundle, comparison.bundles), &free, &camera); });
+      [&] { solved_free = adjust(CameraSigma(bundle, comparison->bundles), &free, &camera); });
   if (!solved_pinhole || !solved_free) return std::nullopt;
   const Fitted by_received = Fit(bundle, bundle.received), by_pinhole = Fit(bundle, pinhole.poses),
                by_camera = Fit(FreedFrom(camera, free), free.poses);
-  ++comparison.bundles;
+  ++comparison->bundles;
   for (const Landmark& landmark : bundle.landmarks) {
-    if (landmark.held_out) comparison.sightings += static_cast<int>(landmark.sightings.size());
+    if (landmark.held_out) comparison->sightings += static_cast<int>(landmark.sightings.size());
   }
-  comparison.pinhole_cost += by_pinhole.cost;
-  comparison.camera_cost += by_camera.cost;
-  comparison.to_pinhole += ShapeDistance(by_received, by_pinhole);
-  comparison.to_camera += ShapeDistance(by_received, by_camera);
-  comparison.camera = camera;
+  comparison->pinhole_cost += by_pinhole.cost;
+  comparison->camera_cost += by_camera.cost;
+  comparison->to_pinhole += ShapeDistance(by_received, by_pinhole);
+  comparison->to_camera += ShapeDistance(by_received, by_camera);
+  comparison->camera = camera;
   return free;
 }
 

@@ -54,9 +54,9 @@ struct RefinementState {
 [[nodiscard]] bool RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle,
                                 RefinementState* state);
 
-/// Adds a bundle to state->comparison. Received poses only place the bundle.
+/// Adds a bundle to a comparison. Received poses only place the bundle.
 /// Returns the bundle with the poses of the camera with errors; none where an adjustment finds no solution.
-std::optional<Bundle> CompareModels(const Bundle& bundle, RefinementState* state);
+std::optional<Bundle> CompareModels(const Bundle& bundle, BundleWeights weights, ModelComparison* comparison);
 
 /// Compares received with refined poses by the matches of held-out landmarks and decides.
 /// @param was_changed the decision before, which is kept where the gain is nearly enough

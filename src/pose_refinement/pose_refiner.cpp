@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <deque>
+#include <future>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
@@ -180,18 +181,33 @@ struct PoseRefiner::Impl {
     return landmark;
   }
 
-  /// Compares models often until they tell, then once in a while: that costs as much as several keyframes. Where
-  /// received poses turn out to be bent, refined ones begin anew from those that the comparison found.
+  /// Compares models often until they tell, then once in a while. That costs as much as several keyframes: so it is
+  /// done beside them, and taken in always as many later. Where received poses turn out to be bent, refined ones begin
+  /// anew.
   void CompareIfDue() {
     constexpr int kOften = 5, kSeldom = 30;
     constexpr size_t kMinCompared = 25;  // keyframes: over fewer a pinhole hardly bends anything
-    if (bundle.size() < kMinCompared || state.bundles % (IsSure(state.comparison) ? kSeldom : kOften) != 0) return;
-    std::optional<Bundle> free = CompareModels(bundle, &state);
-    if (!free || state.bent || !AreBent(state.comparison, kNearerOfWindows)) return;
+    const bool is_sure = IsSure(state.comparison);
+    if (compared.valid() && state.bundles >= compared_at + (is_sure ? kOften : 1)) {
+      state.comparison = compared.get();
+      if (!state.bent && AreBent(state.comparison, kNearerOfWindows)) BeginAnew();
+    }
+    if (compared.valid() || bundle.size() < kMinCompared) return;
+    if (state.bundles % (IsSure(state.comparison) ? kSeldom : kOften) != 0) return;
+    compared_at = state.bundles;
+    compared = std::async(std::launch::async, [now = bundle, weights = state.weights, before = state.comparison] {
+      ModelComparison comparison = before;
+      CompareModels(now, weights, &comparison);
+      return comparison;
+    });
+  }
+
+  void BeginAnew() {
+    constexpr int kIterations = 25;
     state.bent = true;
-    state.camera = state.comparison.camera;
-    bundle.poses = std::move(free->poses);
-    bundle.landmarks = std::move(free->landmarks);
+    Bundle free = bundle;
+    if (!RefineBundle(1, kIterations, 0, &free, &state)) return;
+    bundle = std::move(free);
     refined = ResectViews(bundle, state.camera);
   }
 
@@ -210,10 +226,12 @@ struct PoseRefiner::Impl {
   Bundle bundle;                  ///< of the keyframes, in their order
   std::vector<ViewPose> refined;  ///< by resection; of keyframes that are fixed by now, when they were last free
   RefinementState state;
-  bool stamped = false;  ///< the last keyframe
-  bool changed = false;  ///< by the last Refine
-  double scale = 1;      ///< of the last Refine's result
-  uint64_t world = 1;    ///< PoseRefinement::world
+  std::future<ModelComparison> compared;  ///< of an earlier window
+  int compared_at = 0;                    ///< RefinementState::bundles then
+  bool stamped = false;                   ///< the last keyframe
+  bool changed = false;                   ///< by the last Refine
+  double scale = 1;                       ///< of the last Refine's result
+  uint64_t world = 1;                     ///< PoseRefinement::world
 };
 
 PoseRefiner::PoseRefiner(const PoseRefinementOptions& options) {
@@ -309,6 +327,7 @@ PoseRefinement PoseRefiner::Refine() {
     bundle.landmarks.clear();
     bundle.poses = impl_->refined = bundle.received;
     impl_->state = {};
+    impl_->compared = {};
     impl_->changed = false;
     impl_->scale = 1;
     ++impl_->world;

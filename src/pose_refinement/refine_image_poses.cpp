@@ -210,7 +210,7 @@ PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std
   std::optional<Bundle> refined;
   if (RefineBundle(1, kFirstIterations, 0, &set.bundle(), &state)) {
     set.FindAgain();
-    refined = CompareModels(set.bundle(), &state);
+    refined = CompareModels(set.bundle(), state.weights, &state.comparison);
   }
   if (!refined) return Unrefined(ids, received, "the bundle adjustment found no solution");
   state.bent = AreBent(state.comparison, kNearerOfAll);

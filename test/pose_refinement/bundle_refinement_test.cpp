@@ -111,7 +111,7 @@ class BundleRefinementTest : public ::testing::Test {
   static bool FoundBent(Bundle bundle) {
     RefinementState state;
     EXPECT_TRUE(RefineBundle(1, 15, 0, &bundle, &state));
-    while (!IsSure(state.comparison)) EXPECT_TRUE(CompareModels(bundle, &state));
+    while (!IsSure(state.comparison)) EXPECT_TRUE(CompareModels(bundle, state.weights, &state.comparison));
     return AreBent(state.comparison, kNearerOfAll);
   }
 
