@@ -77,7 +77,8 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
   num_standing_ = 0;
   if (refinement->checks.contradiction) checks_.contradiction = refinement->checks.contradiction;
   checks_.stamp_offset_s = refinement->checks.stamp_offset_s;
-  checks_.distortion_px = refinement->checks.distortion_px;
+  checks_.camera_errors = refinement->checks.camera_errors;
+  checks_.has_camera_errors = refinement->checks.has_camera_errors;
   for (const WindowCapture& capture : window) {
     const WindowKeyframePtr& keyframe = capture.front();
     const int64_t id = keyframe->stands_since ? keyframe->stands_since->id : keyframe->frame->id;

@@ -301,8 +301,9 @@ PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<int64_t>&
                                const std::vector<RigidTransform>& received, const std::vector<ViewPose>& refined,
                                const RefinementState& state, const PoseRefinementOptions& options, bool was_changed) {
   PoseRefinement result = Unrefined(ids, received, "");
-  result.camera = state.camera;
   result.has_camera_errors = HasCameraErrors(state.comparison);
+  // Poses that hold the bundle hold down what state.camera takes up.
+  result.camera = result.has_camera_errors ? state.comparison.camera : state.camera;
   result.bent = state.bent;
   Fits before(bundle.size()), after(bundle.size());
   tbb::parallel_invoke([&] { Collect(bundle, bundle.received, &before); }, [&] { Collect(bundle, refined, &after); });

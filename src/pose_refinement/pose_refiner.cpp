@@ -304,7 +304,6 @@ void PoseRefiner::RemoveOldest() {
 }
 
 PoseRefinement PoseRefiner::Refine() {
-  constexpr double kDistortionPlace = 0.7;
   constexpr int kSureBundles = 10;  // after which the camera's errors hardly change
   Bundle& bundle = impl_->bundle;
   std::vector<int64_t> ids;
@@ -340,9 +339,8 @@ PoseRefinement PoseRefiner::Refine() {
   PoseRefinement result = JudgeRefinement(bundle, ids, received, refined, impl_->state, impl_->options, impl_->changed);
   result.checks.contradiction = MeasureContradiction(bundle, scale);
   if (impl_->stamped) result.checks.stamp_offset_s = FindStampOffset(bundle);
-  if (impl_->state.bundles >= kSureBundles) {
-    result.checks.distortion_px = DistortionShift(bundle.cameras.back(), impl_->state.camera, kDistortionPlace);
-  }
+  result.checks.has_camera_errors = result.has_camera_errors;
+  if (result.has_camera_errors || impl_->state.bundles >= kSureBundles) result.checks.camera_errors = result.camera;
   impl_->changed = result.changed;
   const Similarity received_from_refined =
       FitSimilarity(bundle.poses, bundle.received, bundle.size(), TypicalDepth(bundle), scale);

@@ -87,6 +87,21 @@ std::string DescribeDistortion(double shift_px, int width, const LensDistortion&
           : "calibrate again, or are the images rectified already (~rectified)?");
 }
 
+std::string DescribeCameraErrors(const CameraErrors& errors, const CameraCalibration& calibration) {
+  constexpr double kClear = 0.001;  // of the width, at the corner: half a pixel of 540
+  const int width = calibration.camera.width;
+  const double corner_px = DistortionShift(calibration.camera, errors, 1);
+  if (std::abs(corner_px) < kClear * width) return "";
+  const LensDistortion found = WithRadialDistortion(calibration.MakeLens(), errors.k1, errors.k2);
+  std::string coefficients;
+  for (double value : found.coefficients) coefficients += Concat(coefficients.empty() ? "" : ", ", value);
+  return Concat("the calibration leaves radial distortion of ", std::round(corner_px * 10) / 10, " px of ", width,
+                " at the corners (and rows are read out in ", std::lround(errors.readout * 1e3),
+                " ms): depth gets better with the distortion coefficients [", coefficients,
+                calibration.distortion.model == LensDistortion::Model::kNone ? "] of a plumb_bob" : "]",
+                " in calibration_file");
+}
+
 std::string DescribeStampOffset(double offset_s) {
   return Concat("the images were taken ", std::lround(std::abs(offset_s) * 1e3), " ms ",
                 offset_s > 0 ? "before" : "after",
@@ -229,6 +244,7 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   DescribePoseFit(worker.outputs, status);
   DescribePoseChecks(worker.pose_checks, status);
   if (!worker.distortion.empty()) status->mergeSummary(DiagnosticStatus::WARN, worker.distortion);
+  if (!worker.camera_errors.empty()) status->add("camera", worker.camera_errors);
   DescribeRunWithoutPoints(worker.outputs, status);
   if (!snapshot.points_in_front) return;
   status->add("sparse points in front of the first cameras [%]", 100 * *snapshot.points_in_front);

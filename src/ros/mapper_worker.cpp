@@ -257,18 +257,30 @@ void MapperWorker::Process(const KeyframeInput& input) {
   mapper_->AddCapture(capture);
   const PoseChecks checks = mapper_->pose_checks();
   const double keyframe_ms = preparation_ms + timer.Lap();
+  const CameraCalibration& calibration = *input.calibration;
+  const CameraErrors errors = checks.camera_errors.value_or(CameraErrors());
+  constexpr double kPlace = 0.7;  // of the way from the middle to the corner
   const std::string distortion =
-      DescribeDistortion(checks.distortion_px.value_or(0), frame.camera.width, input.calibration->distortion);
-  bool is_new_offset = false, is_new_distortion = false;
+      DescribeDistortion(DistortionShift(frame.camera, errors, kPlace), frame.camera.width, calibration.distortion);
+  std::string camera_errors;
+  const bool is_face = capture.keyframes.size() > 1;  // whose errors are not those of the lens
+  if (distortion.empty() && checks.has_camera_errors && !is_face &&
+      CanHaveRadialDistortion(calibration.distortion.model)) {
+    camera_errors = DescribeCameraErrors(errors, calibration);
+  }
+  bool is_new_offset = false, is_new_distortion = false, are_new_errors = false;
   UpdateStatus([&](WorkerStatus* status) {
     is_new_distortion = !distortion.empty() && status->distortion.empty();
     status->distortion = distortion;
+    are_new_errors = !camera_errors.empty() && status->camera_errors.empty();
+    status->camera_errors = camera_errors;
     is_new_offset = checks.stamp_offset_s && !status->pose_checks.stamp_offset_s;
     status->pose_checks = checks;
     status->keyframe_ms = keyframe_ms;
   });
   if (is_new_offset) outputs_->Report({"stamp_offset", DescribeStampOffset(*checks.stamp_offset_s)});
   if (is_new_distortion) outputs_->Report({"distortion", distortion});
+  if (are_new_errors) outputs_->Report({"camera_errors", camera_errors});
   if (auto_preset_ && !stop_.requested()) ChooseSetting(keyframe_ms);
 }
 

@@ -3,14 +3,17 @@
 
 #include <gtest/gtest.h>
 
-#include "bundle.h"
+#include "acmp_mapping/pose_refinement/pose_refiner.h"
+#include "bundle_adjustment.h"
 #include "pose_scene.h"
 
 namespace acmp {
 namespace {
 
 constexpr size_t kViews = 24;
+constexpr size_t kLongWalk = 40;                   // full windows that are compared
 const CameraErrors kErrors = {0.04, -0.05, 0.15};  // 1 px at the corner, 3 px from the first row to the last
+const CameraErrors kStrong = {0.3, 0, 0};          // what a window of this walk needs to be bent by 1 %
 
 /// A walk through the room.
 const std::vector<SyntheticView>& Walk() {
@@ -18,7 +21,7 @@ const std::vector<SyntheticView>& Walk() {
     SyntheticSceneOptions options;
     options.width = 320;
     options.height = 240;
-    options.keyframes = kViews;
+    options.keyframes = kLongWalk;
     return MakeSyntheticScene(options);
   }();
   return views;
@@ -27,14 +30,14 @@ const std::vector<SyntheticView>& Walk() {
 class CameraErrorsTest : public ::testing::Test {
  protected:
   CameraErrorsTest() {
-    for (size_t i = 0; i < kViews; ++i) {
+    for (size_t i = 0; i < kLongWalk; ++i) {
       const Frame& frame = Walk()[i].frame;
       truth_.cameras.push_back(frame.camera);
       truth_.received.push_back(ToViewPose(frame.cam_from_world));
       truth_.times.push_back(static_cast<double>(i));
     }
     truth_.poses = truth_.expected = truth_.received;
-    truth_.motions.resize(kViews);
+    truth_.motions.resize(kLongWalk);
     motions_ = MotionsOf(truth_);
   }
 
@@ -42,7 +45,7 @@ class CameraErrorsTest : public ::testing::Test {
   Eigen::Vector2d Seen(size_t view, const Eigen::Vector2d& ideal, double depth) const {
     const PixelErrors errors = PixelErrorsAt(truth_.cameras[view], ideal, truth_.poses[view], motions_[view],
                                              truth_.cameras[view].Unproject(ideal), 1 / depth);
-    return ideal + errors.by_parameter * Eigen::Vector3d(kErrors.k1, kErrors.k2, kErrors.readout);
+    return ideal + errors.by_parameter * Eigen::Vector3d(errors_.k1, errors_.k2, errors_.readout);
   }
 
   GrayImage ImageWithErrors(size_t view) const {
@@ -89,6 +92,62 @@ class CameraErrorsTest : public ::testing::Test {
     return RefineImagePoses(images, load, {refine});
   }
 
+  /// Of a bundle adjustment that takes the camera for a pinhole.
+  std::vector<RigidTransform> BentPoses() const {
+    Bundle bundle = truth_;
+    constexpr int kStep = 24, kReach = 6;
+    for (int i = 0; i < static_cast<int>(kLongWalk); ++i) {
+      const auto view = static_cast<size_t>(i);
+      const PinholeCamera& camera = truth_.cameras[view];
+      for (int row = kStep; row < camera.height - kStep; row += kStep) {
+        for (int col = kStep; col < camera.width - kStep; col += kStep) {
+          const double depth = Walk()[view].true_depth(col, row);
+          Landmark landmark;
+          landmark.anchor = i;
+          landmark.pixel = Seen(view, {col, row}, depth);
+          landmark.inverse_depth = 1 / depth;
+          for (int j = std::max(i - kReach, 0); j <= std::min(i + kReach, static_cast<int>(kLongWalk) - 1); ++j) {
+            const auto other = static_cast<size_t>(j);
+            const Eigen::Vector3d y =
+                DirectionInView(camera.Unproject({col, row}), 1 / depth, truth_.poses[view], truth_.poses[other]) *
+                depth;
+            if (j == i || !(y.z() > 0) || !camera.Contains(camera.Project(y))) continue;
+            landmark.sightings.push_back({j, Seen(other, camera.Project(y), y.z())});
+          }
+          if (!landmark.sightings.empty()) bundle.landmarks.push_back(landmark);
+        }
+      }
+    }
+    BundleWeights weights;
+    weights.camera_sigma = {1e-9, 1e-9, 1e-9};
+    constexpr int kIterations = 60;
+    CameraErrors none;
+    EXPECT_TRUE(AdjustBundle(weights, kIterations, 0, &bundle, &none));
+    std::vector<RigidTransform> poses;
+    for (const ViewPose& pose : bundle.poses) poses.push_back(ToRigidTransform(pose));
+    return poses;
+  }
+
+  /// What the last of all windows says.
+  PoseRefinement RefineOnline(const std::vector<RigidTransform>& received) const {
+    constexpr size_t kWindow = 30;
+    PoseRefiner refiner{PoseRefinementOptions()};
+    PoseRefinement result;
+    for (size_t i = 0; i < kLongWalk; ++i) {
+      const Frame& rendered = Walk()[i].frame;
+      Frame frame;
+      frame.id = static_cast<int64_t>(i);
+      frame.camera = rendered.camera;
+      frame.cam_from_world = received[i];
+      frame.gray = ImageWithErrors(i);
+      EXPECT_TRUE(refiner.Add(frame, kRoomRange)) << i;
+      while (refiner.size() > kWindow) refiner.RemoveOldest();
+      result = refiner.Refine();
+    }
+    return result;
+  }
+
+  CameraErrors errors_ = kErrors;
   Bundle truth_;
   std::vector<CameraMotion> motions_;
 };
@@ -117,6 +176,24 @@ TEST_F(CameraErrorsTest, RightPosesStayThoughTheCameraHasErrors) {
     EXPECT_TRUE(SameBits(result.poses[i].cam_from_world, truth[i])) << i;
     EXPECT_EQ(result.poses[i].readout, ReadoutMotion());
   }
+}
+
+TEST_F(CameraErrorsTest, AWindowTellsBentPosesAndReplacesThem) {
+  errors_ = kStrong;
+  const PoseRefinement result = RefineOnline(BentPoses());
+  EXPECT_TRUE(result.has_camera_errors);
+  EXPECT_TRUE(result.bent);
+  EXPECT_TRUE(result.changed) << result.reason;
+  ASSERT_TRUE(result.checks.camera_errors);
+  EXPECT_NEAR(result.checks.camera_errors->k1, kStrong.k1, 0.1 * kStrong.k1);
+}
+
+TEST_F(CameraErrorsTest, AWindowLeavesRightPosesThoughTheCameraHasErrors) {
+  errors_ = kStrong;
+  const PoseRefinement result = RefineOnline(TruePoses());
+  EXPECT_TRUE(result.has_camera_errors);
+  EXPECT_FALSE(result.bent);
+  EXPECT_FALSE(result.changed);
 }
 
 }  // namespace

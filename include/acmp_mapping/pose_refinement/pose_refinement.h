@@ -14,19 +14,6 @@
 
 namespace acmp {
 
-/// What cameras do that poses and a pinhole cannot say. It is estimated together with the poses, since a bundle
-/// adjustment that does not know it bends the scene to explain it.
-struct CameraErrors {
-  double k1 = 0;  ///< radial distortion that is left: a pixel at x (z = 1) is seen at x (1 + k1 r^2 + k2 r^4)
-  double k2 = 0;
-  double readout = 0;  ///< time from the first image row to the last (rolling shutter): seconds where images have
-                       ///< stamps, else in units of the interval from image to image
-};
-
-/// How far radial distortion moves a pixel, px outwards.
-/// @param place of the pixel: 0 is the middle, 1 the corner farthest from it
-double DistortionShift(const PinholeCamera& camera, const CameraErrors& errors, double place);
-
 /// How the camera moved while an image was taken.
 struct CameraMotion {
   Eigen::Vector3d angular = Eigen::Vector3d::Zero();  ///< rad/s, axes of the camera: cam_from_world(t) =

@@ -90,9 +90,14 @@ std::string AccountForImages(const MapperSnapshot& snapshot);
 
 /// For the log and the status: where images show clearly more radial distortion than their calibration tells; empty:
 /// they do not.
-/// @param shift_px PoseChecks::distortion_px
+/// @param shift_px of a pixel 0.7 of the way from the middle to the corner, outwards
 /// @param width of the images, px
 std::string DescribeDistortion(double shift_px, int width, const LensDistortion& told);
+
+/// For the log and the status: less than that, but enough to cost depth, with the coefficients that `calibration_file`
+/// should have; empty: nothing to tell.
+/// @param calibration of a model that can have radial distortion
+std::string DescribeCameraErrors(const CameraErrors& errors, const CameraCalibration& calibration);
 
 /// The same about PoseChecks::stamp_offset_s.
 std::string DescribeStampOffset(double offset_s);

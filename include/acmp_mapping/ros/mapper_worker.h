@@ -35,7 +35,8 @@ struct WorkerStatus {
   double keyframe_ms = 0;       ///< the last keyframe in the matching thread, all in all
   std::string auto_preset;      ///< what preset: auto has chosen last and why; empty: nothing
   PoseChecks pose_checks;
-  std::string distortion;  ///< what the images say of the calibration's distortion; empty: nothing
+  std::string distortion;     ///< what the images say of the calibration's distortion; empty: nothing
+  std::string camera_errors;  ///< of less distortion
   OutputStatus outputs;
 };
 
