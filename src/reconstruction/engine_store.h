@@ -56,11 +56,6 @@ class LruCache {
     if (found != entries_.end()) Erase(found);
   }
 
-  size_t bytes() const {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    return bytes_;
-  }
-
  private:
   struct Slot {
     std::mutex mutex;  ///< held while the value is made
@@ -108,7 +103,7 @@ class LruCache {
   }
 
   const size_t max_bytes_, max_values_;
-  mutable std::mutex mutex_;
+  std::mutex mutex_;
   Entries entries_;
   std::list<Key> order_;  ///< used last first
   size_t bytes_ = 0;      ///< of all that are made
@@ -141,99 +136,90 @@ class FrameStore {
   LruCache<int, Frame> cache_;
 };
 
-/// Images and estimates of a run where the engines read them: those used last stay on their devices, others are read
-/// from the images' and the work folder's files. For any number of threads; an engine by one at a time.
-/// What GPUs make is kept in their memory, as far as it goes, and not written to the work folder: that takes longer
-/// than making it again after an interruption.
+/// Images and estimates of a run where the engines read them: on the devices as far as there is room, beyond in files
+/// of the work folder or, where results stay in memory, there. For any number of threads; an engine by one at a time.
+/// What GPUs make is not written while they have room: that takes longer than making it again after an interruption.
 class EngineStore {
  public:
   /// An image's estimate after a step of its schedule: step, scene index.
   using Key = std::pair<int, int>;
 
-  enum class Results {
-    kFiles,   ///< a run that is interrupted goes on from its work files
-    kMemory,  ///< final maps are fetched at the end; files are for what devices have no room for
+  enum class Place {
+    kFiles,      ///< what devices have no room for; of the host everything, as long as somebody reads it
+    kKeptFiles,  ///< everything, also when nobody reads it any more
+    kMemory,     ///< no files
   };
 
   /// All outlive the store. @param output has the work folder
   /// @param steps of an image's schedule; the last one's estimates are final
-  EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output,
-              Results results, const ReconstructPlan& plan, const Devices& devices,
-              const std::vector<KeyframeStep>& steps);
+  EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output, Place place,
+              const ReconstructPlan& plan, const Devices& devices, const std::vector<KeyframeStep>& steps);
 
   int final_step() const { return final_step_; }
   FramePtr FrameOf(int index) { return frames_.Get(index); }
-  const std::filesystem::path& output() const { return output_; }
-  /// Where an estimate is if it is in a file.
-  static std::filesystem::path FileOf(const std::filesystem::path& output, const Key& key, int final_step) {
-    return OutputFolder::WorkFile(output, StepName(key.first, final_step), key.second);
+  /// Where an estimate is if it is in a file; of the online schedule, the final maps.
+  std::filesystem::path FileOf(const Key& key) const {
+    return OutputFolder::WorkFile(output_, StepName(key.first, final_step_), key.second);
   }
-  std::filesystem::path FileOf(const Key& key) const { return FileOf(output_, key, final_step_); }
   /// Of a step's work files: "step_0", ..., "final".
   static std::string StepName(int step, int final_step);
+  /// Whether an earlier run has left an estimate. Reads its whole file.
+  WorkFileState FindFile(const Key& key) const {
+    return place_ == Place::kMemory ? WorkFileState::kMissing : CheckWorkFile(FileOf(key));
+  }
 
   /// The reference image and source views with frames and images; decodes several files side by side.
   EngineProblem Problem(const ImagePlan& image, const DeviceEngine& engine);
   /// The same with all their estimates after a step. Source views without a map keep a null one.
   EngineProblem Problem(const ImagePlan& image, int step, const DeviceEngine& engine);
 
-  /// Keeps an estimate: on its device, and in a file of the work folder if there is no room or the device is the host.
   void Keep(int step, const Frame& frame, const DeviceEngine& engine, const EngineEstimatePtr& estimate);
 
-  /// Announces that so many will read each of the estimates that Problem(image, step) gives.
-  void AddReaders(const ImagePlan& image, int step, int count);
+  /// Announces one who will read the estimates that Problem(image, step) gives.
+  void AddReader(const ImagePlan& image, int step);
   /// One of them has. Frees the memory of estimates that nobody reads any more, and removes their files where what was
   /// made of them is in files for certain.
   void HasRead(const ImagePlan& image, int step);
 
-  /// An image's maps after the last step, to be written.
-  std::shared_ptr<const FinalMaps> Final(int index) const;
-  /// Frees their memory.
-  void ReleaseFinal(int index);
-
  private:
-  struct Unsaved {
+  struct OnDevice {
     EngineEstimatePtr estimate;
     int device = 0;
     size_t bytes = 0;
   };
   struct Device {
-    Device(size_t image_bytes, size_t estimate_bytes, size_t unsaved_bytes)
-        : images(image_bytes, kMaxCachedImages), estimates(estimate_bytes), max_unsaved_bytes(unsaved_bytes) {}
+    Device(size_t image_bytes, size_t estimate_bytes, size_t own_bytes)
+        : images(image_bytes, kMaxCachedImages), estimates(estimate_bytes), max_own_bytes(own_bytes) {}
     /// A GPU holds at most 2048 images, the layers of a texture: half of them are left for what tasks hold.
     static constexpr size_t kMaxCachedImages = 1024;
     LruCache<int, EngineImage> images;
-    LruCache<Key, EngineEstimate> estimates;  ///< copies of what is elsewhere or in a file
-    const size_t max_unsaved_bytes;
-    size_t unsaved_bytes = 0;        ///< under the store's mutex
-    size_t unsaved_final_bytes = 0;  ///< of these those of final estimates: half of the room at most
+    LruCache<Key, EngineEstimate> estimates;  ///< copies of what is elsewhere
+    const size_t max_own_bytes;
+    size_t own_bytes = 0;        ///< of estimates that are only here, under the store's mutex
+    size_t own_final_bytes = 0;  ///< of these those of final estimates: half of the room at most
   };
 
   EngineImagePtr Image(const FramePtr& frame, const DeviceEngine& engine);
   EngineEstimatePtr Estimate(const Key& key, const Frame& frame, const DeviceEngine& engine);
   EngineEstimatePtr Read(const Key& key, const Frame& frame, const DeviceEngine& engine) const;
-  /// @param maps of a final estimate; null: they are not written
-  bool KeepUnsaved(const Key& key, const Unsaved& unsaved, std::shared_ptr<const FinalMaps> maps);
-  /// Keys of the estimates that Problem(image, step) gives.
-  std::vector<Key> Estimates(const ImagePlan& image, int step) const;
+  bool KeepOnDevice(const Key& key, const OnDevice& kept);
   void Forget(const Key& key);
 
   const std::filesystem::path output_;
+  const Place place_;
   const ReconstructPlan& plan_;
   const int levels_;
   const std::vector<KeyframeStep> steps_;
   const int final_step_;
   FrameStore& frames_;
   std::deque<Device> devices_;
-  const bool always_writes_;  ///< the work files
-  const bool removes_files_;  ///< that nobody reads any more
-  const bool writes_maps_;    ///< of final estimates
-  const size_t max_unsaved_map_bytes_;
+  const bool always_writes_;    ///< the work files
+  const bool removes_files_;    ///< that nobody reads any more
+  const bool finals_are_maps_;  ///< in the work files
 
-  mutable std::mutex mutex_;        ///< of what follows
-  std::map<Key, Unsaved> unsaved_;  ///< in no file
-  std::map<int, std::shared_ptr<const FinalMaps>> unsaved_maps_;
-  size_t unsaved_map_bytes_ = 0;
+  mutable std::mutex mutex_;                ///< of what follows
+  std::map<Key, OnDevice> on_device_;       ///< and nowhere else
+  std::map<Key, EstimateState> in_memory_;  ///< of the host, instead of files
   std::map<Key, int> readers_left_;
 };
 

@@ -21,19 +21,20 @@ bool Writes(const ReconstructOptions& options, const std::string& kind) {
   return std::find(options.maps.begin(), options.maps.end(), kind) != options.maps.end();
 }
 
-constexpr int kStepsPerImage = 2;  // of the progress: files and fusion
-
-/// Tells how far the run is. @param steps of the schedule that are to do
-void BeginResults(const ReconstructRun& run, size_t images, size_t steps) {
+/// Tells how far the run is: steps of the schedule, files of images, points of images.
+/// @param steps,files that are to do
+void BeginResults(const ReconstructRun& run, size_t images, size_t steps, size_t files) {
   constexpr double kShareBeforeMesh = 0.9;
   std::optional<double> share;
   if (!run.options.mesh.empty()) share = kShareBeforeMesh * (1 - run.progress.done_share());
   const bool offline = !run.options.online();
   const size_t all_steps = offline ? images * static_cast<size_t>(run.store.final_step() + 1) : 0;
   run.progress.Begin(offline ? "depth maps, pictures and cloud" : "maps, pictures and cloud",
-                     static_cast<int>(all_steps + images * kStepsPerImage), share);
+                     static_cast<int>(all_steps + files + images), share);
   for (size_t reused = steps; reused < all_steps; ++reused) run.progress.Step(true);
 }
+
+size_t BytesOf(const PointCloud& points) { return points.size() * sizeof(SurfacePoint); }
 
 /// Takes a view's points out of its work file.
 PointCloud TakePoints(const std::filesystem::path& file) {
@@ -46,47 +47,75 @@ PointCloud TakePoints(const std::filesystem::path& file) {
 
 }  // namespace
 
-std::vector<std::filesystem::path> FilesOfImage(const ReconstructOptions& options, const OutputFolder& folder,
-                                                int index) {
-  std::vector<std::filesystem::path> files;
-  for (const std::string& kind : options.maps) {
-    files.push_back(folder.MapFile(kind, index, ".pfm"));
-    if (!options.no_pictures) files.push_back(folder.MapFile("pictures", index, "_" + kind + ".png"));
-  }
-  if (Writes(options, "depth")) files.push_back(folder.MapFile("depth", index, ".png"));
-  if (options.dmb) files.push_back(folder.MapFile("depth", index, ".dmb"));
-  return files;
-}
-
 ImageFiles::ImageFiles(ReconstructRun* run)
     : run_(*run),
-      measures_confidence_(Writes(run->options, "confidence") &&
-                           !run->options.online()) {  // online maps come with theirs
+      writes_any_(run->options.colmap || !run->options.maps.empty()),
+      room_(run->devices.on_host() ? 0 : run->options.MemoryBytes(run->options.kMapShare)) {
   for (const std::string& kind : run_.options.maps) MakeFolder(run_.folder->path() / kind);
   if (!run_.options.no_pictures && !run_.options.maps.empty()) MakeFolder(run_.folder->path() / "pictures");
   if (run_.options.colmap) colmap_.emplace(run);
 }
 
-int ImageFiles::AddTasks(const ImagePlan& image, RunTasks* tasks) {
-  const auto confidence = std::make_shared<ConfidenceMap>();
-  std::vector<int> after = tasks->FinalStepsRead(image);
-  if (measures_confidence_) {
-    after = {tasks->AddConfidence(image, [confidence](ConfidenceMap measured) { *confidence = std::move(measured); })};
+/// Of the maps and pictures that are made of an image; "none" for one that is missing.
+std::string ImageFiles::SizesOfFiles(int index) const {
+  std::string sizes;
+  const auto add = [&](const std::string& kind, const std::string& suffix) {
+    std::error_code error;
+    const uintmax_t bytes = std::filesystem::file_size(run_.folder->MapFile(kind, index, suffix), error);
+    sizes += error ? "none " : Concat(bytes, " ");
+  };
+  for (const std::string& kind : run_.options.maps) {
+    add(kind, ".pfm");
+    if (!run_.options.no_pictures) add("pictures", "_" + kind + ".png");
   }
-  return tasks->AddFileTask(after, [this, index = image.index, confidence] { WriteFiles(index, *confidence); });
+  if (Writes(run_.options, "depth")) add("depth", ".png");
+  if (run_.options.dmb) add("depth", ".dmb");
+  return sizes;
 }
 
-void ImageFiles::WriteFiles(int index, const ConfidenceMap& measured) {
-  if (colmap_ || !run_.options.maps.empty()) {
-    const std::shared_ptr<const FinalMaps> maps = run_.store.Final(index);
-    Timer timer;
-    const size_t too_far = Write(index, *maps, measures_confidence_ ? measured : maps->confidence);
-    run_.Count(&RunTimes::writing_ms, timer.Lap());
-    const std::lock_guard<std::mutex> lock(run_.mutex);
-    too_far_ += too_far;
+std::set<int> ImageFiles::Missing(const std::set<int>& images) const {
+  std::set<int> missing;
+  if (!writes_any_) return missing;
+  for (int index : images) {
+    if (ReadWorkFile(RecordOf(index)) != SizesOfFiles(index)) missing.insert(index);
   }
-  run_.store.ReleaseFinal(index);
+  return missing;
+}
+
+void ImageFiles::AddTasks(const ImagePlan& image, RunTasks* tasks) {
+  const int index = image.index;
+  if (run_.options.online()) {
+    tasks->AddFileTask({}, [=] {
+      WriteFiles(index, ReadFinalMaps(run_.store.FileOf({run_.store.final_step(), index})));
+    });
+    return;
+  }
+  const PinholeCamera camera = CameraOf(run_, index);
+  const size_t bytes = static_cast<size_t>(camera.width) * camera.height * (3 * sizeof(float) + sizeof(Vec3f));
+  const auto waiting = std::make_shared<std::optional<FinalMaps>>();
+  const int fetched = tasks->AddMaps(image, Writes(run_.options, "confidence"), [=](FinalMaps maps) {
+    if (room_.Take(bytes)) {
+      *waiting = std::move(maps);
+    } else {
+      WriteFiles(index, maps);
+    }
+  });
+  tasks->AddFileTask({fetched}, [=] {
+    if (!*waiting) return;
+    WriteFiles(index, **waiting);
+    waiting->reset();
+    room_.GiveBack(bytes);
+  });
+}
+
+void ImageFiles::WriteFiles(int index, const FinalMaps& maps) {
+  Timer timer;
+  const size_t too_far = Write(index, maps);
+  run_.Count(&RunTimes::writing_ms, timer.Lap());
+  if (!run_.options.stage.empty()) WriteWorkFile(RecordOf(index), SizesOfFiles(index));
   run_.progress.Step();
+  const std::lock_guard<std::mutex> lock(run_.mutex);
+  too_far_ += too_far;
 }
 
 void ImageFiles::WarnOfDepthsTooFar() const {
@@ -95,7 +124,7 @@ void ImageFiles::WarnOfDepthsTooFar() const {
       Concat(too_far_, " pixels deeper than 65.535 units are missing in depth/*.png; the .pfm have them"));
 }
 
-size_t ImageFiles::Write(int index, const FinalMaps& maps, const ConfidenceMap& confidence) const {
+size_t ImageFiles::Write(int index, const FinalMaps& maps) const {
   size_t too_far = 0;
   std::vector<std::function<void()>> files;
   const auto add = [&](const std::string& kind, const std::string& suffix, const auto& write) {
@@ -114,7 +143,7 @@ size_t ImageFiles::Write(int index, const FinalMaps& maps, const ConfidenceMap& 
   add_map("depth", maps.depth, DepthPicture);
   add_map("normal", maps.normal, NormalPicture);
   add_map("cost", maps.cost, CostPicture);
-  add_map("confidence", confidence, ConfidencePicture);
+  add_map("confidence", maps.confidence, ConfidencePicture);
   if (Writes(run_.options, "depth")) {
     add("depth", ".png", [&](const auto& path) { too_far = WriteDepthPng(path, maps.depth.View()); });
   }
@@ -157,7 +186,7 @@ PinholeCamera CameraOf(const ReconstructRun& run, int index) {
   return camera.Resized(width, height);
 }
 
-void WriteCameras(const ReconstructRun& run, const std::vector<int>& images) {
+void WriteCameras(const ReconstructRun& run, const std::set<int>& images) {
   std::vector<ListedCamera> cameras;
   for (int index : images) {
     const SceneImage& image = run.scene.images[static_cast<size_t>(index)];
@@ -167,46 +196,67 @@ void WriteCameras(const ReconstructRun& run, const std::vector<int>& images) {
 }
 
 CloudSize RunAndWriteResults(ReconstructRun* run) {
-  RunTasks tasks(run);
-  size_t steps = 0;
-  if (!run->options.online()) steps = tasks.AddMissingSteps().size();
+  const std::set<int> images = run->plan.WithMap();
+  RunTasks tasks(run, run->options.online() ? -1 : run->store.final_step(), images);
   ImageFiles files(run);
+  const std::set<int> missing_files = files.Missing(images);
+  for (int index : missing_files) files.AddTasks(*run->plan.Find(index), &tasks);
   CloudOutput cloud(*run);
-  std::vector<int> images;         // with maps, by scene index: in the order of the cloud
-  std::vector<PointCloud> clouds;  // theirs, for COLMAP's model; else none
-  std::vector<int> all_written, in_cloud;
-  for (const ImagePlan& image : run->plan.images) {
-    if (!image.no_map.empty()) continue;
-    images.push_back(image.index);
-    all_written.push_back(files.AddTasks(image, &tasks));
-    const std::filesystem::path file = run->folder->WorkFile("points", image.index);
-    // Points wait in files, so that a scene of any size can be fused, until those of all images before are written.
-    in_cloud.push_back(tasks.AddFusion(image, [file](const PointCloud& points) { WritePoints(file, points); }));
-    in_cloud = {tasks.AddFileTask(
-        in_cloud,
-        [&, file] {
-          Timer timer;
-          PointCloud points = TakePoints(file);
-          cloud.Add(points);
-          if (files.colmap()) clouds.push_back(std::move(points));
-          run->Count(&RunTimes::cloud_ms, timer.Lap());
-        },
-        true)};
+  // Points wait until those of all images before are written: in files if need be, so that a scene of any size can be
+  // fused.
+  MemoryRoom room(run->options.MemoryBytes(run->options.kPointShare));
+  std::vector<PointCloud> clouds;  // for COLMAP's model; else none
+  std::vector<int> in_cloud;
+  for (int index : images) {
+    const std::filesystem::path file = run->folder->WorkFile("points", index);
+    const auto waiting = std::make_shared<std::optional<PointCloud>>();
+    in_cloud.push_back(tasks.AddFusion(*run->plan.Find(index), [&room, file, waiting](PointCloud points) {
+      if (room.Take(BytesOf(points))) {
+        *waiting = std::move(points);
+      } else {
+        WritePoints(file, points);
+      }
+    }));
+    const auto write = [&, file, waiting] {
+      Timer timer;
+      PointCloud points = *waiting ? std::move(**waiting) : TakePoints(file);
+      cloud.Add(points);
+      if (*waiting) room.GiveBack(BytesOf(points));
+      if (files.colmap()) clouds.push_back(std::move(points));
+      run->Count(&RunTimes::cloud_ms, timer.Lap());
+    };
+    in_cloud = {tasks.AddFileTask(in_cloud, write, true)};
   }
-  tasks.AddFileTask(all_written, [&] {
-    files.WarnOfDepthsTooFar();
-    WriteCameras(*run, images);
-  });
-  if (files.colmap()) in_cloud.insert(in_cloud.end(), all_written.begin(), all_written.end());  // its model reads maps
   tasks.AddFileTask(in_cloud, [&] {
     Timer timer;
     cloud.Commit();
     run->Count(&RunTimes::cloud_ms, timer.Lap());
-    if (files.colmap()) files.colmap()->WriteModel(images, clouds);
   });
-  BeginResults(*run, images.size(), steps);
+  BeginResults(*run, images.size(), tasks.steps(), missing_files.size());
   tasks.Run();
+  run->interrupt.Check();
+  files.WarnOfDepthsTooFar();
+  WriteCameras(*run, images);
+  if (files.colmap()) files.colmap()->WriteModel({images.begin(), images.end()}, clouds);
   return cloud.size();
+}
+
+void RunStage(ReconstructRun* run, int step, const std::set<int>& images, bool maps) {
+  std::set<int> missing_files, read = images;
+  std::optional<ImageFiles> files;
+  if (maps) {
+    files.emplace(run);
+    missing_files = files->Missing(images);
+    read.clear();
+    for (int index : missing_files) {
+      for (int other : run->plan.ImagesRead(*run->plan.Find(index))) read.insert(other);
+    }
+  }
+  RunTasks tasks(run, step, read);
+  for (int index : missing_files) files->AddTasks(*run->plan.Find(index), &tasks);
+  run->progress.Begin(run->options.stage, static_cast<int>(tasks.steps() + missing_files.size()));
+  tasks.Run();
+  if (files) files->WarnOfDepthsTooFar();
 }
 
 }  // namespace acmp

@@ -2,10 +2,12 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -45,34 +47,50 @@ class ColmapOutput {
   std::filesystem::path folder_;
 };
 
-/// The maps and pictures of an image that are made; COLMAP's files are not among them.
-std::vector<std::filesystem::path> FilesOfImage(const ReconstructOptions& options, const OutputFolder& folder,
-                                                int index);
+/// Memory that several threads share out.
+class MemoryRoom {
+ public:
+  explicit MemoryRoom(size_t bytes) : left_(static_cast<int64_t>(bytes)) {}
+  /// False: there is not as much any more.
+  bool Take(size_t bytes) {
+    if ((left_ -= static_cast<int64_t>(bytes)) >= 0) return true;
+    GiveBack(bytes);
+    return false;
+  }
+  void GiveBack(size_t bytes) { left_ += static_cast<int64_t>(bytes); }
 
-/// The files of images with final estimates in the run's store: maps, their pictures, and their part of COLMAP's
-/// workspace.
+ private:
+  std::atomic<int64_t> left_;
+};
+
+/// The files of images with final estimates: maps, their pictures, and their part of COLMAP's workspace. A stage leaves
+/// a record of each image whose files it has written, and none that has one is written again.
 class ImageFiles {
  public:
   /// Makes the folders. @param run not null, with a folder; outlives this
   explicit ImageFiles(ReconstructRun* run);
 
-  /// Adds the tasks that measure an image's confidence, where it is asked for and does not come with the maps, and
-  /// write its files. Returns the number of the last one.
-  int AddTasks(const ImagePlan& image, RunTasks* tasks);
+  /// Of these images with a map those with files that are not there as a stage has recorded them.
+  std::set<int> Missing(const std::set<int>& images) const;
+  /// Adds the tasks that fetch an image's maps and write its files. Where maps wait for the threads that write files
+  /// until there is no memory for more, those that fetch them write, too; on the host they always do.
+  void AddTasks(const ImagePlan& image, RunTasks* tasks);
   /// At the end: what the files could not hold.
   void WarnOfDepthsTooFar() const;
 
   const std::optional<ColmapOutput>& colmap() const { return colmap_; }  ///< where it is asked for
 
  private:
-  void WriteFiles(int index, const ConfidenceMap& measured);
-  /// @param confidence empty where it is not written
+  std::filesystem::path RecordOf(int index) const { return run_.folder->WorkFile("maps", index); }
+  std::string SizesOfFiles(int index) const;
+  void WriteFiles(int index, const FinalMaps& maps);
   /// @return pixels that are too deep for depth/*.png
-  size_t Write(int index, const FinalMaps& maps, const ConfidenceMap& confidence) const;
+  size_t Write(int index, const FinalMaps& maps) const;
 
   ReconstructRun& run_;
   std::optional<ColmapOutput> colmap_;
-  const bool measures_confidence_;
+  const bool writes_any_;
+  MemoryRoom room_;     ///< for maps that wait
   size_t too_far_ = 0;  ///< pixels; under the run's mutex while tasks run
 };
 

@@ -5,7 +5,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <set>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/scene.h"
@@ -123,6 +122,14 @@ const ImagePlan* ReconstructPlan::Find(int index) const {
 std::vector<int> ReconstructPlan::Indices() const {
   std::vector<int> indices;
   for (const ImagePlan& image : images) indices.push_back(image.index);
+  return indices;
+}
+
+std::set<int> ReconstructPlan::WithMap() const {
+  std::set<int> indices;
+  for (const ImagePlan& image : images) {
+    if (image.no_map.empty()) indices.insert(image.index);
+  }
   return indices;
 }
 

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -93,6 +94,8 @@ struct ReconstructPlan {
   }
   /// Scene indices of the images.
   std::vector<int> Indices() const;
+  /// Of those that get a map.
+  std::set<int> WithMap() const;
   /// The image and its source views that get a map: whose estimates its refinements and its points are made of.
   std::vector<int> ImagesRead(const ImagePlan& image) const;
 };

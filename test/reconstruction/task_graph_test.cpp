@@ -65,7 +65,7 @@ TEST_F(TaskGraphTest, WithoutThreadsTheCallerDoesAllInOrder) {
   for (int i = 0; i < 100; ++i) {
     std::vector<int> after;
     for (int k = random.Below(4); k > 0 && i > 0; --k) after.push_back(random.Below(i));
-    const int number = graph_.Add(random.Below(5), after, [this, caller, i](int thread) {
+    const int number = graph_.Add(random.Below(5), 0, after, [this, caller, i](int thread) {
       EXPECT_EQ(std::this_thread::get_id(), caller);
       EXPECT_EQ(thread, 0);
       journal_.Note(i);
@@ -95,9 +95,8 @@ class CheckedGraph {
       for (int k = static_cast<int>(random(0, most)); k > 0 && i > 0; --k) after.push_back(random.Below(i));
       const int pool = random.Below(static_cast<int>(threads.size()));
       const int spin = random.Below(3) == 0 ? 2000 : 0;
-      const bool urgent = random.Below(4) == 0;
-      graph->Add(
-          pool, after, [=](int thread) { Do(i, pool, thread, after, spin); }, urgent);
+      const int rank = random.Below(4);
+      graph->Add(pool, rank, after, [=](int thread) { Do(i, pool, thread, after, spin); });
     }
   }
 
@@ -131,7 +130,7 @@ TEST_F(TaskGraphTest, RandomGraphsKeepTheirOrderWithAnyThreadsAlsoWhereATaskFail
     CheckedGraph checked(seed, &graph);
     const bool fails = seed % 2 == 1;
     const int before = TestRandom(seed + 1000).Below(static_cast<int>(checked.runs.size()));
-    if (fails) graph.Add(0, {before}, [](int) { throw ProcessingError("lost"); });
+    if (fails) graph.Add(0, 0, {before}, [](int) { throw ProcessingError("lost"); });
     EXPECT_EQ(FailureOf(&graph, checked.threads, interrupt_), fails ? "lost" : "");
     EXPECT_EQ(checked.errors, 0);
     EXPECT_EQ(checked.runs[static_cast<size_t>(before)], 1);
@@ -139,16 +138,16 @@ TEST_F(TaskGraphTest, RandomGraphsKeepTheirOrderWithAnyThreadsAlsoWhereATaskFail
   }
 }
 
-TEST_F(TaskGraphTest, UrgentTasksGoFirst) {
+TEST_F(TaskGraphTest, TheLeastRankGoesFirst) {
   for (const std::vector<int>& threads : {std::vector<int>{}, {1}}) {
     TaskGraph graph;
     Journal journal;
-    graph.Add(0, {}, journal.Writer(0));
-    graph.Add(0, {}, journal.Writer(1));
-    graph.Add(0, {}, journal.Writer(2), true);
-    graph.Add(0, {1}, journal.Writer(3), true);
-    graph.Add(0, {}, journal.Writer(4));
-    graph.Add(0, {}, journal.Writer(5), true);
+    graph.Add(0, 0, {}, journal.Writer(0));
+    graph.Add(0, 0, {}, journal.Writer(1));
+    graph.Add(0, -1, {}, journal.Writer(2));
+    graph.Add(0, -2, {1}, journal.Writer(3));
+    graph.Add(0, 0, {}, journal.Writer(4));
+    graph.Add(0, -1, {}, journal.Writer(5));
     graph.Run(threads, interrupt_);
     EXPECT_THAT(journal.numbers(), ElementsAre(2, 5, 0, 1, 3, 4));
   }
@@ -159,13 +158,13 @@ TEST_F(TaskGraphTest, InterruptionStopsAllThreads) {
     StopRequest interrupt;
     TaskGraph graph;
     Journal journal;
-    graph.Add(0, {}, journal.Writer(0));
-    const int last = graph.Add(1, {0}, [&](int) {
+    graph.Add(0, 0, {}, journal.Writer(0));
+    const int last = graph.Add(1, 0, {0}, [&](int) {
       journal.Note(1);
       interrupt.Request();
     });
-    graph.Add(0, {last}, journal.Writer(2));
-    graph.Add(1, {last}, journal.Writer(3));
+    graph.Add(0, 0, {last}, journal.Writer(2));
+    graph.Add(1, 0, {last}, journal.Writer(3));
     EXPECT_THROW(graph.Run(threads, interrupt), Interrupted);
     EXPECT_THAT(journal.numbers(), ElementsAre(0, 1));
   }
