@@ -210,12 +210,15 @@ def submit(client, tasks, arguments, resources, program):
     """Futures of all tasks."""
     options = [option for option in arguments.options if option != "--overwrite"] + local_shares(arguments)
     command = [program, arguments.scene, arguments.output, *options, "--quiet"]
+    stages = list(dict.fromkeys(task["stage"] for task in tasks))  # in their order
     futures = []
     for number, task in enumerate(tasks):
+        # Late stages first, so that a chunk's images are read again while they are at hand.
+        priority = stages.index(task["stage"]) * len(tasks) - number
         futures.append(client.submit(
             run_stage, command, f"{task['stage']} {task['images']}".strip(),
             *[futures[other] for other in task["after"]], pure=False,
-            key=f"{task['stage']}-{task['images']}-{os.getpid()}", retries=arguments.retries, priority=-number,
+            key=f"{task['stage']}-{task['images']}-{os.getpid()}", retries=arguments.retries, priority=priority,
             resources=resources or None))
     return futures
 

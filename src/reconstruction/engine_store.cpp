@@ -2,6 +2,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <limits>
 
 #include "acmp_mapping/common/error.h"
@@ -77,10 +78,10 @@ EngineProblem EngineStore::Problem(const ImagePlan& image, int step, const Devic
 }
 
 EngineImagePtr EngineStore::Image(const FramePtr& frame, const DeviceEngine& engine) {
-  return devices_.at(engine.device)
-      .images.Get(
-          static_cast<int>(frame->id), [&] { return engine.engine->Load(frame, levels_); },
-          [&](const EngineImage&) { return ImageBytes(*frame, engine.on_host); });
+  Device& device = devices_.at(engine.device);
+  return device.images.Get(
+      static_cast<int>(frame->id), [&] { return engine.engine->Load(frame, levels_); },
+      [&](const EngineImage&) { return std::max(ImageBytes(*frame, engine.on_host), device.least_image_bytes); });
 }
 
 EngineEstimatePtr EngineStore::Estimate(const Key& key, const Frame& frame, const DeviceEngine& engine) {

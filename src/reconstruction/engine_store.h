@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <deque>
 #include <functional>
-#include <limits>
 #include <list>
 #include <map>
 #include <memory>
@@ -23,7 +22,7 @@
 
 namespace acmp {
 
-/// Keeps the values used last, up to a number of bytes and of values. A value that is larger than all of it is handed
+/// Keeps the values used last, up to a number of bytes. A value that is larger than all of it is handed
 /// out but not kept. Any number of threads may ask; a value that several want is made once, and different ones at the
 /// same time.
 template <class Key, class Value>
@@ -31,8 +30,7 @@ class LruCache {
  public:
   using Pointer = std::shared_ptr<const Value>;
 
-  explicit LruCache(size_t max_bytes, size_t max_values = std::numeric_limits<size_t>::max())
-      : max_bytes_(max_bytes), max_values_(max_values) {}
+  explicit LruCache(size_t max_bytes) : max_bytes_(max_bytes) {}
 
   /// The value of a key; made by `make` when it is not there. `bytes_of` says how large it is. Where `make` throws,
   /// each of those who wait for the value tries for himself.
@@ -85,9 +83,7 @@ class LruCache {
     if (entry == entries_.end() || entry->second.slot != slot) return;  // dropped meanwhile
     entry->second.bytes = bytes;
     bytes_ += bytes;
-    ++values_;
-    const auto is_full = [&] { return bytes_ > max_bytes_ || values_ > max_values_; };
-    for (auto oldest = order_.end(); is_full() && oldest != order_.begin();) {
+    for (auto oldest = order_.end(); bytes_ > max_bytes_ && oldest != order_.begin();) {
       const auto found = entries_.find(*--oldest);
       if (found->second.bytes == 0) continue;
       ++oldest;  // before it goes
@@ -97,17 +93,15 @@ class LruCache {
 
   void Erase(typename Entries::iterator entry) {
     bytes_ -= entry->second.bytes;
-    if (entry->second.bytes > 0) --values_;
     order_.erase(entry->second.place);
     entries_.erase(entry);
   }
 
-  const size_t max_bytes_, max_values_;
+  const size_t max_bytes_;
   std::mutex mutex_;
   Entries entries_;
   std::list<Key> order_;  ///< used last first
   size_t bytes_ = 0;      ///< of all that are made
-  size_t values_ = 0;     ///< that are made
 };
 
 /// Images of a scene at the size of the run. For any number of threads.
@@ -189,9 +183,13 @@ class EngineStore {
   };
   struct Device {
     Device(size_t image_bytes, size_t estimate_bytes, size_t own_bytes)
-        : images(image_bytes, kMaxCachedImages), estimates(estimate_bytes), max_own_bytes(own_bytes) {}
+        : least_image_bytes(image_bytes / kMaxCachedImages),
+          images(image_bytes),
+          estimates(estimate_bytes),
+          max_own_bytes(own_bytes) {}
     /// A GPU holds at most 2048 images, the layers of a texture: half of them are left for what tasks hold.
     static constexpr size_t kMaxCachedImages = 1024;
+    const size_t least_image_bytes;  ///< that an image counts
     LruCache<int, EngineImage> images;
     LruCache<Key, EngineEstimate> estimates;  ///< copies of what is elsewhere
     const size_t max_own_bytes;

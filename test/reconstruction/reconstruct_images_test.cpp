@@ -24,7 +24,7 @@ class ReconstructImagesTest : public ReconstructRunFixture {
 
   ImageReconstruction RunOnCpu(std::vector<InputImage> images) {
     return ReconstructImages(
-        std::move(images), options_, [&] { return DevicesOf(&fake_); }, &watcher_);
+        std::move(images), options_, [&] { return FakeHost(&fake_); }, &watcher_);
   }
 
   /// @param free_bytes of each device's memory
