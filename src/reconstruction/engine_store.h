@@ -36,64 +36,62 @@ class LruCache {
   /// each of those who wait for the value tries for himself.
   Pointer Get(const Key& key, const std::function<Pointer()>& make,
               const std::function<size_t(const Value&)>& bytes_of) {
-    const std::shared_ptr<Slot> slot = Touch(key);
-    const std::lock_guard<std::mutex> lock(slot->mutex);
-    if (!slot->value) {
+    const std::shared_ptr<Entry> entry = Touch(key);
+    const std::lock_guard<std::mutex> lock(entry->making);
+    if (!entry->value) {
       // While it waits for its own loops this thread must not take up work that waits for this value.
-      tbb::this_task_arena::isolate([&] { slot->value = make(); });
-      Count(key, slot, bytes_of(*slot->value));
+      tbb::this_task_arena::isolate([&] { entry->value = make(); });
+      Count(key, entry, bytes_of(*entry->value));
     }
-    return slot->value;
+    return entry->value;
   }
 
   /// Forgets a value; no effect when it is not there. One that is being made still goes to all who wait for it, but is
   /// not kept.
   void Drop(const Key& key) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    const auto found = entries_.find(key);
-    if (found != entries_.end()) Erase(found);
+    if (const auto found = entries_.find(key); found != entries_.end()) Erase(found);
   }
 
  private:
-  struct Slot {
-    std::mutex mutex;  ///< held while the value is made
-    Pointer value;
-  };
   struct Entry {
-    std::shared_ptr<Slot> slot;
+    std::mutex making;  ///< held while the value is made
+    Pointer value;
     size_t bytes = 0;  ///< 0: not made yet
     typename std::list<Key>::iterator place;
   };
-  using Entries = std::map<Key, Entry>;
+  using Entries = std::map<Key, std::shared_ptr<Entry>>;
 
-  /// The slot of a key, which is the one used last from now on.
-  std::shared_ptr<Slot> Touch(const Key& key) {
+  /// The entry of a key, which is the one used last from now on.
+  std::shared_ptr<Entry> Touch(const Key& key) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (const auto found = entries_.find(key); found != entries_.end()) {
-      order_.splice(order_.begin(), order_, found->second.place);
-      return found->second.slot;
+    std::shared_ptr<Entry>& entry = entries_[key];
+    if (entry) {
+      order_.splice(order_.begin(), order_, entry->place);
+    } else {
+      entry = std::make_shared<Entry>();
+      entry->place = order_.insert(order_.begin(), key);
     }
-    order_.push_front(key);
-    return entries_.emplace(key, Entry{std::make_shared<Slot>(), 0, order_.begin()}).first->second.slot;
+    return entry;
   }
 
-  void Count(const Key& key, const std::shared_ptr<Slot>& slot, size_t bytes) {
+  void Count(const Key& key, const std::shared_ptr<Entry>& entry, size_t bytes) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    const auto entry = entries_.find(key);
-    if (entry == entries_.end() || entry->second.slot != slot) return;  // dropped meanwhile
-    entry->second.bytes = bytes;
+    const auto found = entries_.find(key);
+    if (found == entries_.end() || found->second != entry) return;  // dropped meanwhile
+    entry->bytes = bytes;
     bytes_ += bytes;
     for (auto oldest = order_.end(); bytes_ > max_bytes_ && oldest != order_.begin();) {
-      const auto found = entries_.find(*--oldest);
-      if (found->second.bytes == 0) continue;
+      const auto old = entries_.find(*--oldest);
+      if (old->second->bytes == 0) continue;
       ++oldest;  // before it goes
-      Erase(found);
+      Erase(old);
     }
   }
 
   void Erase(typename Entries::iterator entry) {
-    bytes_ -= entry->second.bytes;
-    order_.erase(entry->second.place);
+    bytes_ -= entry->second->bytes;
+    order_.erase(entry->second->place);
     entries_.erase(entry);
   }
 

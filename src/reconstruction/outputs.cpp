@@ -56,20 +56,38 @@ ImageFiles::ImageFiles(ReconstructRun* run)
   if (run_.options.colmap) colmap_.emplace(run);
 }
 
-/// Of the maps and pictures that are made of an image; "none" for one that is missing.
+/// The files that are made of an image, with how. @param too_far pixels that are too deep for depth/*.png
+std::vector<ImageFiles::File> ImageFiles::FilesOf(int index, const FinalMaps& maps, size_t* too_far) const {
+  std::vector<File> files;
+  const auto add = [&](const std::string& kind, const std::string& suffix, std::function<void(const Path&)> write) {
+    files.push_back({run_.folder->MapFile(kind, index, suffix), std::move(write)});
+  };
+  const auto add_map = [&](const std::string& kind, const auto& map, const auto& make_picture) {
+    if (!Writes(run_.options, kind)) return;
+    add(kind, ".pfm", [&map](const Path& path) { WritePfm(path, map.View()); });
+    if (run_.options.no_pictures) return;
+    add("pictures", "_" + kind + ".png",
+        [&map, make_picture](const Path& path) { WritePng(path, make_picture(map.View())); });
+  };
+  add_map("depth", maps.depth, DepthPicture);
+  add_map("normal", maps.normal, NormalPicture);
+  add_map("cost", maps.cost, CostPicture);
+  add_map("confidence", maps.confidence, ConfidencePicture);
+  if (Writes(run_.options, "depth")) {
+    add("depth", ".png", [&maps, too_far](const Path& path) { *too_far = WriteDepthPng(path, maps.depth.View()); });
+  }
+  if (run_.options.dmb) add("depth", ".dmb", [&maps](const Path& path) { WriteDmb(path, maps.depth.View()); });
+  return files;
+}
+
+/// "none" for a file that is missing.
 std::string ImageFiles::SizesOfFiles(int index) const {
   std::string sizes;
-  const auto add = [&](const std::string& kind, const std::string& suffix) {
+  for (const File& file : FilesOf(index, {}, nullptr)) {
     std::error_code error;
-    const uintmax_t bytes = std::filesystem::file_size(run_.folder->MapFile(kind, index, suffix), error);
+    const uintmax_t bytes = std::filesystem::file_size(file.path, error);
     sizes += error ? "none " : Concat(bytes, " ");
-  };
-  for (const std::string& kind : run_.options.maps) {
-    add(kind, ".pfm");
-    if (!run_.options.no_pictures) add("pictures", "_" + kind + ".png");
   }
-  if (Writes(run_.options, "depth")) add("depth", ".png");
-  if (run_.options.dmb) add("depth", ".dmb");
   return sizes;
 }
 
@@ -110,8 +128,15 @@ void ImageFiles::AddTasks(const ImagePlan& image, RunTasks* tasks) {
 
 void ImageFiles::WriteFiles(int index, const FinalMaps& maps) {
   Timer timer;
-  const size_t too_far = Write(index, maps);
+  size_t too_far = 0;
+  // Side by side: compressing pictures takes longer than writing them.
+  tbb::parallel_for_each(FilesOf(index, maps, &too_far), [](const File& file) {
+    file.write(file.path);
+    StartWriteback(file.path);
+  });
+  if (colmap_) colmap_->WriteMaps(index, maps);
   run_.Count(&RunTimes::writing_ms, timer.Lap());
+  run_.interrupt.Check();
   if (!run_.options.stage.empty()) WriteWorkFile(RecordOf(index), SizesOfFiles(index));
   run_.progress.Step();
   const std::lock_guard<std::mutex> lock(run_.mutex);
@@ -122,36 +147,6 @@ void ImageFiles::WarnOfDepthsTooFar() const {
   if (too_far_ == 0) return;
   run_.progress.Warn(
       Concat(too_far_, " pixels deeper than 65.535 units are missing in depth/*.png; the .pfm have them"));
-}
-
-size_t ImageFiles::Write(int index, const FinalMaps& maps) const {
-  size_t too_far = 0;
-  std::vector<std::function<void()>> files;
-  const auto add = [&](const std::string& kind, const std::string& suffix, const auto& write) {
-    files.emplace_back([path = run_.folder->MapFile(kind, index, suffix), write] {
-      write(path);
-      StartWriteback(path);
-    });
-  };
-  const auto add_map = [&](const std::string& kind, const auto& map, const auto& make_picture) {
-    if (!Writes(run_.options, kind)) return;
-    add(kind, ".pfm", [&map](const auto& path) { WritePfm(path, map.View()); });
-    if (run_.options.no_pictures) return;
-    add("pictures", "_" + kind + ".png",
-        [&map, make_picture](const auto& path) { WritePng(path, make_picture(map.View())); });
-  };
-  add_map("depth", maps.depth, DepthPicture);
-  add_map("normal", maps.normal, NormalPicture);
-  add_map("cost", maps.cost, CostPicture);
-  add_map("confidence", maps.confidence, ConfidencePicture);
-  if (Writes(run_.options, "depth")) {
-    add("depth", ".png", [&](const auto& path) { too_far = WriteDepthPng(path, maps.depth.View()); });
-  }
-  if (run_.options.dmb) add("depth", ".dmb", [&](const auto& path) { WriteDmb(path, maps.depth.View()); });
-  if (colmap_) files.emplace_back([&] { colmap_->WriteMaps(index, maps); });
-  // Side by side: compressing pictures takes longer than writing them.
-  tbb::parallel_for_each(files, [](const std::function<void()>& write) { write(); });
-  return too_far;
 }
 
 CloudOutput::CloudOutput(const ReconstructRun& run) : interrupt_(run.interrupt) {

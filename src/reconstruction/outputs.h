@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <optional>
 #include <set>
@@ -81,11 +82,16 @@ class ImageFiles {
   const std::optional<ColmapOutput>& colmap() const { return colmap_; }  ///< where it is asked for
 
  private:
-  std::filesystem::path RecordOf(int index) const { return run_.folder->WorkFile("maps", index); }
+  using Path = std::filesystem::path;
+  struct File {
+    Path path;
+    std::function<void(const Path&)> write;
+  };
+
+  Path RecordOf(int index) const { return run_.folder->WorkFile("maps", index); }
+  std::vector<File> FilesOf(int index, const FinalMaps& maps, size_t* too_far) const;
   std::string SizesOfFiles(int index) const;
   void WriteFiles(int index, const FinalMaps& maps);
-  /// @return pixels that are too deep for depth/*.png
-  size_t Write(int index, const FinalMaps& maps) const;
 
   ReconstructRun& run_;
   std::optional<ColmapOutput> colmap_;

@@ -35,7 +35,7 @@ struct FinalMaps {
   DepthMap depth;
   NormalMap normal;
   CostMap cost;
-  ConfidenceMap confidence;  ///< empty: measured later against the source views' maps
+  ConfidenceMap confidence;  ///< may be empty
 };
 void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps);
 /// Throws ProcessingError when the file is damaged.
