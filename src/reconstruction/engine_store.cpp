@@ -23,14 +23,13 @@ size_t EstimateBytes(const Frame& frame, bool on_host) { return frame.gray.size(
 }  // namespace
 
 EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output,
-                         Place place, const ReconstructPlan& plan, const Devices& devices,
-                         const std::vector<KeyframeStep>& steps)
+                         Place place, const ReconstructPlan& plan, const Devices& devices)
     : output_(output),
       place_(place),
       plan_(plan),
       levels_(MakePipelineOptions(options).start_level),
-      steps_(steps),
-      final_step_(static_cast<int>(steps.size()) - 1),
+      steps_(ScheduleOf(MakePipelineOptions(options))),
+      final_step_(static_cast<int>(steps_.size()) - 1),
       frames_(*frames),
       always_writes_(place == Place::kKeptFiles || (place == Place::kFiles && devices.on_host())),
       removes_files_(place == Place::kFiles && devices.on_host()),
@@ -98,20 +97,19 @@ EngineEstimatePtr EngineStore::Estimate(const Key& key, const Frame& frame, cons
 
 EngineEstimatePtr EngineStore::Read(const Key& key, const Frame& frame, const DeviceEngine& engine) const {
   EngineEstimatePtr elsewhere;
-  EstimateState state;
+  std::shared_ptr<const EstimateState> in_memory;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (const auto found = on_device_.find(key); found != on_device_.end()) elsewhere = found->second.estimate;
-    if (const auto found = in_memory_.find(key); found != in_memory_.end()) state = found->second.Clone();
+    if (const auto found = in_memory_.find(key); found != in_memory_.end()) in_memory = found->second;
   }
   if (elsewhere) return engine.engine->Import(elsewhere);
   if (key.first == final_step_ && finals_are_maps_) {
     const FinalMaps maps = ReadFinalMaps(FileOf(key));
     return engine.engine->UploadMaps({maps.depth.View(), maps.normal.View(), maps.cost.View()}, frame.camera);
   }
-  if (state.planes.empty()) state = ReadEstimate(FileOf(key));
   const PinholeCamera camera = CameraAtLevel(frame.camera, steps_[static_cast<size_t>(key.first)].level);
-  return engine.engine->UploadState(std::move(state), camera);
+  return engine.engine->UploadState(in_memory ? in_memory->Clone() : ReadEstimate(FileOf(key)), camera);
 }
 
 void EngineStore::Keep(int step, const Frame& frame, const DeviceEngine& engine, const EngineEstimatePtr& estimate) {
@@ -121,7 +119,7 @@ void EngineStore::Keep(int step, const Frame& frame, const DeviceEngine& engine,
   EstimateState state = engine.engine->DownloadState(estimate);
   if (place_ == Place::kMemory) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    in_memory_[key] = std::move(state);
+    in_memory_[key] = std::make_shared<const EstimateState>(std::move(state));
   } else {
     WriteEstimate(FileOf(key), state);
   }

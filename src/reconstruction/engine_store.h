@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/pipeline/presets.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
 #include "devices.h"
 #include "output_folder.h"
@@ -143,10 +144,10 @@ class EngineStore {
   };
 
   /// All outlive the store. @param output has the work folder
-  /// @param steps of an image's schedule; the last one's estimates are final
   EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output, Place place,
-              const ReconstructPlan& plan, const Devices& devices, const std::vector<KeyframeStep>& steps);
+              const ReconstructPlan& plan, const Devices& devices);
 
+  /// Of the schedule: its estimates are final.
   int final_step() const { return final_step_; }
   FramePtr FrameOf(int index) { return frames_.Get(index); }
   /// Where an estimate is if it is in a file; of the online schedule, the final maps.
@@ -213,9 +214,9 @@ class EngineStore {
   const bool removes_files_;    ///< that nobody reads any more
   const bool finals_are_maps_;  ///< in the work files
 
-  mutable std::mutex mutex_;                ///< of what follows
-  std::map<Key, OnDevice> on_device_;       ///< and nowhere else
-  std::map<Key, EstimateState> in_memory_;  ///< of the host, instead of files
+  mutable std::mutex mutex_;                                       ///< of what follows
+  std::map<Key, OnDevice> on_device_;                              ///< and nowhere else
+  std::map<Key, std::shared_ptr<const EstimateState>> in_memory_;  ///< of the host, instead of files
   std::map<Key, int> readers_left_;
 };
 

@@ -174,11 +174,7 @@ CloudSize CloudOutput::size() const {
 }
 
 PinholeCamera CameraOf(const ReconstructRun& run, int index) {
-  const PinholeCamera& camera = run.scene.images[static_cast<size_t>(index)].camera;
-  int width = camera.width;
-  int height = camera.height;
-  LimitSize(run.options.max_image_size, &width, &height);
-  return camera.Resized(width, height);
+  return MatchedCamera(run.scene.images[static_cast<size_t>(index)], run.options);
 }
 
 void WriteCameras(const ReconstructRun& run, const std::set<int>& images) {
@@ -232,7 +228,7 @@ CloudSize RunAndWriteResults(ReconstructRun* run) {
   run->interrupt.Check();
   files.WarnOfDepthsTooFar();
   WriteCameras(*run, images);
-  if (files.colmap()) files.colmap()->WriteModel({images.begin(), images.end()}, clouds);
+  if (files.colmap()) files.colmap()->WriteModel(images, clouds);
   return cloud.size();
 }
 

@@ -38,11 +38,10 @@ class ColmapOutput {
   /// gets a map, and the maps tell which images see a point.
   /// @param images with maps, by scene index
   /// @param clouds of each of the images, from the plan's origin
-  void WriteModel(const std::vector<int>& images, const std::vector<PointCloud>& clouds) const;
+  void WriteModel(const std::set<int>& images, const std::vector<PointCloud>& clouds) const;
 
  private:
   std::filesystem::path DepthFile(const std::string& name) const;
-  std::vector<std::vector<size_t>> SourcesWithin(const std::vector<int>& images) const;
 
   const ReconstructRun& run_;
   std::filesystem::path folder_;

@@ -201,11 +201,16 @@ DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indi
   return all;
 }
 
+PinholeCamera MatchedCamera(const SceneImage& image, const ReconstructOptions& options) {
+  int width = image.camera.width, height = image.camera.height;
+  LimitSize(options.max_image_size, &width, &height);
+  return image.camera.Resized(width, height);
+}
+
 void CheckSizes(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options) {
   for (int index : indices) {
-    PinholeCamera matched = scene.images[index].camera;
-    LimitSize(options.max_image_size, &matched.width, &matched.height);
-    CheckSize(scene.images[index], matched, MakePipelineOptions(options).start_level);
+    const SceneImage& image = scene.images[index];
+    CheckSize(image, MatchedCamera(image, options), MakePipelineOptions(options).start_level);
   }
 }
 

@@ -123,6 +123,9 @@ ReconstructPlan MakeOnlinePlan(const Scene& scene, const std::vector<int>& indic
 /// All the depths that the dataset names for the images, with the same margin as offline; 0, 0 when it names none.
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);
 
+/// Of an image as stored, at the size at which it is matched.
+PinholeCamera MatchedCamera(const SceneImage& image, const ReconstructOptions& options);
+
 /// Throws InvalidInputError for an image that has no pixel left when it is halved as often as the options say.
 void CheckSizes(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options);
 

@@ -134,7 +134,7 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   }
   {
     const auto place = options.keep_work ? EngineStore::Place::kKeptFiles : EngineStore::Place::kFiles;
-    EngineStore store(&frames, options, folder.path(), place, plan, devices, ScheduleOf(MakePipelineOptions(options)));
+    EngineStore store(&frames, options, folder.path(), place, plan, devices);
     ReconstructRun run{scene, options, plan, devices, store, interrupt, progress, &folder};
     const CloudSize cloud = RunSchedule(&run);
     CheckUnchanged(scene, indices, stamps, &folder);

@@ -154,6 +154,11 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
   const RunRecord record = MakeRecord(options, "", InputHash(scene, plan.Indices(), files));
   const OutputFolder folder(options.output, record, options.overwrite, OutputFolder::Use::kStages);
   const bool complete = folder.state() == OutputFolder::State::kComplete;
+  if (!complete && folder.Setting(kDeviceKey) != "(none)" && !std::filesystem::exists(PlanFile(options.output))) {
+    throw InvalidInputError(Concat(options.output.string(),
+                                   ": holds an interrupted run of one process: the same command ",
+                                   "without --plan goes on, --overwrite starts afresh"));
+  }
   const Json tasks = complete ? Json::array() : ListOfTasks(plan, options);
   WriteFileAtomically(options.plan, Json({{"complete", complete}, {"tasks", tasks}}).dump() + "\n");
   if (complete) return ReportComplete(folder, options.plan.string() + ": ", options, out);

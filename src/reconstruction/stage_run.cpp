@@ -7,7 +7,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "acmp_mapping/pipeline/presets.h"
 #include "outputs.h"
 #include "plan.h"
 #include "run.h"
@@ -36,12 +35,11 @@ class StageRunner {
     if (!OutputFolder::Exists(options_.output)) throw InvalidInputError(name + ": has no plan: give --plan first");
     const OutputFolder folder(options_.output, SettingsRecord(options_), false, OutputFolder::Use::kStages);
     if (folder.state() == OutputFolder::State::kComplete) {
-      return ReportComplete(folder, name + ": ", options_, &context_.out);
+      return ReportComplete(folder, "", options_, &context_.out);
     }
     const std::string input = folder.Setting(kInputKey);
     if (!planned_ || input_ != input) planned_ = std::make_unique<PlannedScene>(options_);
     input_ = input;
-    const std::vector<KeyframeStep> steps = ScheduleOf(MakePipelineOptions(options_));
     const std::vector<std::string> stages = StagesOfChunk(options_);
     const auto place = static_cast<size_t>(std::find(stages.begin(), stages.end(), stage) - stages.begin());
     if (stage != kFinishStage && place == stages.size()) {
@@ -52,12 +50,11 @@ class StageRunner {
     const std::set<int> chosen = stage == kFinishStage ? AllImages() : ChosenImages();
     CheckContent(chosen);
     if (!devices_) devices_.emplace(context_.make_devices());
-    const std::filesystem::path device_file = folder.WorkFile("device", 0);
-    const std::string device = CheckDevice(device_file);
+    const std::string device = CheckDevice(folder.WorkFile("device", 0));
     Progress progress(&context_.log, ProgressStyleFor(options_.quiet, context_.log_is_terminal));
     // Everything in files: no process can count on the memory of another.
     EngineStore store(&planned_->frames, options_, folder.path(), EngineStore::Place::kKeptFiles, planned_->plan,
-                      *devices_, steps);
+                      *devices_);
     ReconstructRun run{planned_->scene, options_, planned_->plan, *devices_, store, interrupt_, progress, &folder};
     if (stage == kFinishStage) {
       const CloudSize cloud = RunAndWriteResults(&run);

@@ -169,19 +169,11 @@ int main(int argc, char** argv) {
   app.add_option("--keyframes", arguments.keyframes, "Length of the stream; 0: stages")
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
-  const acmp::OptionList stream_options = acmp::OptionsOf(&arguments.stream);
   app.add_option("--window-size", arguments.stream.window_size,
-                 "Of the stream: " + stream_options.Find("window_size").sentence)
+                 "Of the stream: " + acmp::OptionsOf(&arguments.stream).Find("window_size").sentence)
       ->check(CLI::Range(2, acmp::kMaxWindowSize))
       ->capture_default_str();
-  app.add_option("--refine-again", arguments.stream.refine_again,
-                 "Of the stream: " + stream_options.Find("refine_again").sentence)
-      ->capture_default_str();
-  const acmp::Option& refine_poses = stream_options.Find("refine_poses");
   arguments.stream.poses.refine = acmp::RefinePoses::kOff;  // the stream's are exact
-  app.add_option_function<std::string>("--refine-poses", refine_poses.set, "Of the stream: " + refine_poses.sentence)
-      ->check(CLI::IsMember(refine_poses.choices))
-      ->default_str("off");
   app.add_option("--preset", arguments.preset, "Preset, see docs/algorithm.md")
       ->check(CLI::IsMember(acmp::PresetNames()))
       ->capture_default_str();

@@ -163,7 +163,9 @@ TEST_F(StagesTest, OfOneImageOrSeveralChunksAtOnceMakeTheSame) {
     for (const char* images : {"5-8", "0", "1,3", "2-4"}) Stage(stage, images, &fake_);
   }
   Stage("maps", "0-8", &fake_);
+  const auto written = std::filesystem::last_write_time(output() / "depth/000003.pfm");
   Stage("finish", "", &fake_);
+  EXPECT_EQ(std::filesystem::last_write_time(output() / "depth/000003.pfm"), written);
   ExpectSameContents(output("alone"), output());
 }
 
@@ -249,7 +251,13 @@ TEST_F(StagesTest, MakeWhatIsMissingOrDamagedThemselves) {
 TEST_F(StagesTest, RefuseWhatIsNotPlannedOrHasChanged) {
   EXPECT_THAT(StageError("step_0", "0"), HasSubstr("out: has no plan: give --plan first"));
   EXPECT_FALSE(std::filesystem::exists(output()));
+  RunInterrupted(5);
+  options_.plan = folder() / "plan.json";
+  EXPECT_THAT(Error(), HasSubstr("holds an interrupted run of one process"));
+  options_.plan.clear();
+  options_.overwrite = true;
   Plan();
+  options_.overwrite = false;
   EXPECT_THAT(StageError("step_9", "0"), HasSubstr("--stage step_9: must be one of step_0, "));
   EXPECT_THAT(StageError("step_0", ""), HasSubstr("--images"));
   EXPECT_THAT(StageError("step_0", "77"), HasSubstr("[0, 8]"));
