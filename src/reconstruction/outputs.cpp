@@ -45,6 +45,34 @@ PointCloud TakePoints(const std::filesystem::path& file) {
   return std::move(*points);
 }
 
+/// Adds the fusion of these images. Points wait until those of all images before are handed out: in files if there is
+/// no room in memory, so that a scene of any size can be fused. Returns the number of the last task.
+/// @param images at least one
+/// @param take gets the points of one image after the other
+int AddFusions(ReconstructRun* run, const std::set<int>& images, MemoryRoom* room, RunTasks* tasks,
+               const std::function<void(PointCloud)>& take) {
+  std::vector<int> after;
+  for (int index : images) {
+    const std::filesystem::path file = run->folder->WorkFile("points", index);
+    const auto waiting = std::make_shared<std::optional<PointCloud>>();
+    after.push_back(tasks->AddFusion(*run->plan.Find(index), [room, file, waiting](PointCloud points) {
+      if (room->Take(BytesOf(points))) {
+        *waiting = std::move(points);
+      } else {
+        WritePoints(file, points);
+      }
+    }));
+    const auto hand_out = [room, file, waiting, take] {
+      if (!*waiting) return take(TakePoints(file));
+      const size_t bytes = BytesOf(**waiting);
+      take(std::move(**waiting));
+      room->GiveBack(bytes);
+    };
+    after = {tasks->AddFileTask(after, hand_out, true)};
+  }
+  return after.front();
+}
+
 }  // namespace
 
 ImageFiles::ImageFiles(ReconstructRun* run)
@@ -149,30 +177,6 @@ void ImageFiles::WarnOfDepthsTooFar() const {
       Concat(too_far_, " pixels deeper than 65.535 units are missing in depth/*.png; the .pfm have them"));
 }
 
-CloudOutput::CloudOutput(const ReconstructRun& run) : interrupt_(run.interrupt) {
-  if (run.options.tile_size) {
-    tiles_.emplace(run.folder, *run.options.tile_size, run.options.MemoryBytes(run.options.kTileShare),
-                   run.plan.origin);
-  } else {
-    file_.emplace(run.folder->path() / "fused.ply", Durability::kPowerCut, run.plan.origin);
-  }
-}
-
-void CloudOutput::Add(const PointCloud& points) {
-  if (tiles_) return tiles_->Add(points);
-  file_->WriteAt(file_->Reserve(points.size()), points);
-}
-
-void CloudOutput::Commit() {
-  if (tiles_) return tiles_->Commit(interrupt_);
-  file_->Commit();
-}
-
-CloudSize CloudOutput::size() const {
-  if (tiles_) return {tiles_->points(), tiles_->tiles()};
-  return {file_->points(), std::nullopt};
-}
-
 PinholeCamera CameraOf(const ReconstructRun& run, int index) {
   return MatchedCamera(run.scene.images[static_cast<size_t>(index)], run.options);
 }
@@ -192,35 +196,33 @@ CloudSize RunAndWriteResults(ReconstructRun* run) {
   ImageFiles files(run);
   const std::set<int> missing_files = files.Missing(images);
   for (int index : missing_files) files.AddTasks(*run->plan.Find(index), &tasks);
-  CloudOutput cloud(*run);
-  // Points wait until those of all images before are written: in files if need be, so that a scene of any size can be
-  // fused.
-  MemoryRoom room(run->options.MemoryBytes(run->options.kPointShare));
-  std::vector<PointCloud> clouds;  // for COLMAP's model; else none
-  std::vector<int> in_cloud;
-  for (int index : images) {
-    const std::filesystem::path file = run->folder->WorkFile("points", index);
-    const auto waiting = std::make_shared<std::optional<PointCloud>>();
-    in_cloud.push_back(tasks.AddFusion(*run->plan.Find(index), [&room, file, waiting](PointCloud points) {
-      if (room.Take(BytesOf(points))) {
-        *waiting = std::move(points);
-      } else {
-        WritePoints(file, points);
-      }
-    }));
-    const auto write = [&, file, waiting] {
-      Timer timer;
-      PointCloud points = *waiting ? std::move(**waiting) : TakePoints(file);
-      cloud.Add(points);
-      if (*waiting) room.GiveBack(BytesOf(points));
-      if (files.colmap()) clouds.push_back(std::move(points));
-      run->Count(&RunTimes::cloud_ms, timer.Lap());
-    };
-    in_cloud = {tasks.AddFileTask(in_cloud, write, true)};
+  std::optional<TiledCloud> tiles;  // where the points go: into these, or into the file
+  std::optional<PlyFile> file;
+  if (run->options.tile_size) {
+    const size_t bytes = run->options.MemoryBytes(run->options.kTileShare);
+    tiles.emplace(run->folder, *run->options.tile_size, bytes, run->plan.origin);
+  } else {
+    file.emplace(run->folder->path() / "fused.ply", Durability::kPowerCut, run->plan.origin);
   }
-  tasks.AddFileTask(in_cloud, [&] {
+  std::vector<PointCloud> clouds;  // for COLMAP's model; else none
+  MemoryRoom room(run->options.MemoryBytes(run->options.kPointShare));
+  const int all = AddFusions(run, images, &room, &tasks, [&](PointCloud points) {
     Timer timer;
-    cloud.Commit();
+    if (tiles) {
+      tiles->Add(points);
+    } else {
+      file->WriteAt(file->Reserve(points.size()), points);
+    }
+    if (files.colmap()) clouds.push_back(std::move(points));
+    run->Count(&RunTimes::cloud_ms, timer.Lap());
+  });
+  tasks.AddFileTask({all}, [&] {
+    Timer timer;
+    if (tiles) {
+      tiles->Commit(run->interrupt);
+    } else {
+      file->Commit();
+    }
     run->Count(&RunTimes::cloud_ms, timer.Lap());
   });
   BeginResults(*run, images.size(), tasks.steps(), missing_files.size());
@@ -229,7 +231,8 @@ CloudSize RunAndWriteResults(ReconstructRun* run) {
   files.WarnOfDepthsTooFar();
   WriteCameras(*run, images);
   if (files.colmap()) files.colmap()->WriteModel(images, clouds);
-  return cloud.size();
+  if (tiles) return {tiles->points(), tiles->tiles()};
+  return {file->points(), std::nullopt};
 }
 
 void RunStage(ReconstructRun* run, int step, const std::set<int>& images, bool maps) {

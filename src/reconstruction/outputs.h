@@ -157,24 +157,4 @@ class TiledCloud {
   size_t points_ = 0, in_memory_ = 0;
 };
 
-/// Where a run's cloud goes: OUTPUT/fused.ply, or with --tile-size OUTPUT/tiles. By one thread at a time. Errors are
-/// those of PlyFile and TiledCloud.
-class CloudOutput {
- public:
-  /// @param run with a folder; outlives this
-  explicit CloudOutput(const ReconstructRun& run);
-
-  /// Adds a view's points after those of all that came before.
-  void Add(const PointCloud& points);
-  /// Once all points are there. Without it there is no cloud.
-  void Commit();
-
-  CloudSize size() const;
-
- private:
-  const StopRequest& interrupt_;
-  std::optional<PlyFile> file_;      ///< this one
-  std::optional<TiledCloud> tiles_;  ///< or that one
-};
-
 }  // namespace acmp

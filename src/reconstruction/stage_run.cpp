@@ -106,7 +106,7 @@ class StageRunner {
   /// @return that name
   std::string CheckDevice(const std::filesystem::path& file) const {
     if (!ReadWorkFile(file)) WriteWorkFile(file, devices_->name());
-    const std::string first = ReadWorkFile(file).value_or(devices_->name());
+    std::string first = ReadWorkFile(file).value_or(devices_->name());
     if (DeviceModel(first) == DeviceModel(devices_->name())) return first;
     throw InvalidInputError(Concat("--device: the first stage was done by ", DeviceModel(first), ", and this is ",
                                    DeviceModel(devices_->name()), ", which makes other bits"));
