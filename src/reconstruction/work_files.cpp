@@ -20,7 +20,7 @@ static_assert(std::is_trivially_copyable_v<SurfacePoint>, "files have points as 
 constexpr size_t kReadAtOnce = size_t{1} << 18;
 
 struct WorkHeader {
-  uint32_t magic = 0x364b5257;  // "WRK6"
+  uint32_t magic = 0x374b5257;  // "WRK7"
   uint32_t checksum = 0;        ///< of the content
   uint64_t bytes = 0;           ///< of the content
 };
