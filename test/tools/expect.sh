@@ -1,3 +1,4 @@
+# shellcheck shell=bash disable=SC2034
 # Sourced by tests of command lines, from a folder of their own: the tests count failures.
 bin=$(realpath "${1:?folder of the programs}")
 work=$(mktemp -d)
