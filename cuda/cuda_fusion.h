@@ -95,29 +95,6 @@ class CudaFusion : public virtual DepthEngine {
       });
     });
   }
-  Image<unsigned char> FusedPixels(const Frame& frame, FusionStamps* stamps) override {
-    CudaStamps& gpu_stamps = CastStamps(stamps);
-    return queue_.OnDevice([&] {
-      const ImageView<Stamp> on_device = gpu_stamps.Of(frame, queue_);
-      Image<Stamp> on_host(on_device.width, on_device.height);
-      CudaCheck(cudaMemcpyAsync(on_host.data(), on_device.data, on_host.size() * sizeof(Stamp), cudaMemcpyDeviceToHost,
-                                queue_.stream().get()),
-                "download stamps");
-      queue_.stream().Synchronize();
-      return FusedOf({on_host.data(), on_host.width(), on_host.height(), on_host.width()});
-    });
-  }
-  void SetFusedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) override {
-    CudaStamps& gpu_stamps = CastStamps(stamps);
-    const Image<Stamp> on_host = StampsOfFused(used, frame.camera);
-    queue_.OnDevice([&] {
-      const ImageView<Stamp> on_device = gpu_stamps.Of(frame, queue_);
-      CudaCheck(cudaMemcpyAsync(on_device.data, on_host.data(), on_host.size() * sizeof(Stamp), cudaMemcpyHostToDevice,
-                                queue_.stream().get()),
-                "upload stamps");
-      queue_.stream().Synchronize();
-    });
-  }
 
  private:
   static CudaStamps& CastStamps(FusionStamps* stamps) {

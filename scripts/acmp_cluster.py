@@ -208,14 +208,19 @@ def local_shares(arguments):
 
 def submit(client, tasks, arguments, resources, program):
     """Futures of all tasks."""
-    options = [option for option in arguments.options if option != "--overwrite"] + local_shares(arguments)
+    options = [option for option in arguments.options if option != "--overwrite"]
     command = [program, arguments.scene, arguments.output, *options, "--quiet"]
+    shares = local_shares(arguments)
+    stages = list(dict.fromkeys(task["stage"] for task in tasks))  # in their order
     futures = []
     for number, task in enumerate(tasks):
+        # Late stages first, so that a chunk's images are read again while they are at hand.
+        priority = stages.index(task["stage"]) * len(tasks) - number
+        own = [] if task["stage"] == "finish" else shares  # the last one has the machine for itself
         futures.append(client.submit(
-            run_stage, command, f"{task['stage']} {task['images']}".strip(),
+            run_stage, command + own, f"{task['stage']} {task['images']}".strip(),
             *[futures[other] for other in task["after"]], pure=False,
-            key=f"{task['stage']}-{task['images']}-{os.getpid()}", retries=arguments.retries, priority=-number,
+            key=f"{task['stage']}-{task['images']}-{os.getpid()}", retries=arguments.retries, priority=priority,
             resources=resources or None))
     return futures
 

@@ -55,10 +55,6 @@ struct HostStamps final : FusionStamps {
     }
     return found->second.View();
   }
-  void Set(const Frame& frame, Image<Stamp> stamps) {
-    const std::lock_guard<std::mutex> lock(mutex);
-    by_frame[frame.id] = std::move(stamps);
-  }
 };
 
 HostStamps& CastHostStamps(FusionStamps* stamps) {
@@ -248,15 +244,6 @@ PointCloud HostDepthEngine::FuseView(const EngineView& reference, const std::vec
   const auto stamps_of = [&](const Frame& frame) { return host_stamps.Of(frame); };
   return acmp::FuseView(
       SetUpFusion(reference, sources, MakeFusionLimits(options), MapsOf, stamps_of, StampOfRank(rank)));
-}
-
-Image<unsigned char> HostDepthEngine::FusedPixels(const Frame& frame, FusionStamps* stamps) {
-  const ImageView<Stamp> view = CastHostStamps(stamps).Of(frame);
-  return FusedOf({view.data, view.width, view.height, view.stride});
-}
-
-void HostDepthEngine::SetFusedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) {
-  CastHostStamps(stamps).Set(frame, StampsOfFused(used, frame.camera));
 }
 
 EstimateMaps HostDepthEngine::Download(const EngineEstimatePtr& estimate) {

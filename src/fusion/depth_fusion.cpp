@@ -86,24 +86,6 @@ Stamp StampOfRank(int rank) {
   return static_cast<Stamp>(rank);
 }
 
-Image<unsigned char> FusedOf(const ImageView<const Stamp>& stamps) {
-  Image<unsigned char> used(stamps.width, stamps.height);
-  for (int row = 0; row < stamps.height; ++row) {
-    for (int col = 0; col < stamps.width; ++col) used(col, row) = stamps(col, row) == kUnfusedStamp ? 0 : 1;
-  }
-  return used;
-}
-
-Image<Stamp> StampsOfFused(const Image<unsigned char>& used, const PinholeCamera& camera) {
-  if (used.width() != camera.width || used.height() != camera.height) {
-    throw InvalidInputError(Concat("fused pixels: ", used.width(), " x ", used.height(), " px: must be ", camera.width,
-                                   " x ", camera.height, ", as their frame"));
-  }
-  Image<Stamp> stamps(used.width(), used.height());
-  for (size_t i = 0; i < used.size(); ++i) stamps.data()[i] = used.data()[i] == 0 ? kUnfusedStamp : StampOfRank(0);
-  return stamps;
-}
-
 FusionSetup::FusionSetup(const PosedCamera& camera, const FusionMaps& maps, const FusionLimits& limits,
                          const RigidTransform& target_from_reference)
     : camera_(camera), target_from_reference_(target_from_reference) {

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <map>
 
 #include "acmp_mapping/common/median.h"
 #include "acmp_mapping/dataset/image_codec.h"
@@ -13,8 +12,6 @@ namespace acmp {
 namespace {
 
 constexpr double kVoxelShare = 0.005;  // of the median depth, as in the online map
-
-using Places = std::vector<std::vector<size_t>>;  ///< of each image: places in the list of images
 
 /// One point per voxel of all clouds; empty where they are.
 PointCloud ThinnedClouds(const std::vector<PointCloud>& clouds, const Eigen::Vector3d& origin,
@@ -67,36 +64,24 @@ std::filesystem::path ColmapOutput::DepthFile(const std::string& name) const {
   return folder_ / "stereo/depth_maps" / (name + ".geometric.bin");
 }
 
-Places ColmapOutput::SourcesWithin(const std::vector<int>& images) const {
-  std::map<int, size_t> place;
-  for (size_t i = 0; i < images.size(); ++i) place[images[i]] = i;
-  Places sources(images.size());
-  for (size_t i = 0; i < images.size(); ++i) {
-    for (int source : run_.plan.Find(images[i])->sources) {
-      if (const auto found = place.find(source); found != place.end()) sources[i].push_back(found->second);
-    }
-  }
-  return sources;
-}
-
-void ColmapOutput::WriteModel(const std::vector<int>& images, const std::vector<PointCloud>& clouds) const {
+void ColmapOutput::WriteModel(const std::set<int>& images, const std::vector<PointCloud>& clouds) const {
   std::vector<ColmapModelImage> model;
   std::vector<std::string> names;
+  std::vector<std::vector<std::string>> source_names;
   for (int index : images) {
     const SceneImage& image = run_.scene.images[index];
     names.push_back(image.name);
     model.push_back({index + 1, image.name, CameraOf(run_, index), WrittenPose(image).inverse()});
+    std::vector<std::string>& sources = source_names.emplace_back();
+    for (int source : run_.plan.Find(index)->sources) {
+      if (images.count(source) > 0) sources.push_back(run_.scene.images[source].name);
+    }
   }
   ColmapPoints points(ThinnedClouds(clouds, run_.plan.origin, model), run_.plan.origin);
   for (size_t i = 0; i < model.size(); ++i) {
     points.AddImage(i, {model[i].camera, model[i].cam_from_world}, ReadColmapMap(DepthFile(names[i])));
   }
   WriteColmapModel(folder_, model, points.Take());
-  const Places sources = SourcesWithin(images);
-  std::vector<std::vector<std::string>> source_names(images.size());
-  for (size_t i = 0; i < images.size(); ++i) {
-    for (size_t source : sources[i]) source_names[i].push_back(names[source]);
-  }
   WriteColmapLists(folder_ / "stereo", names, source_names);
 }
 

@@ -24,19 +24,6 @@ std::vector<std::future<DepthEngineBackend>> StartDevices(const ReconstructOptio
   return backends;
 }
 
-/// The device that works on the image at a place of the scene. Stretches of up to 16 images, of about the same length,
-/// go to one device after the other: neighbours, which mostly see the same, are on the same one, and all devices are at
-/// about the same place of the scene, so that few points wait for those of earlier images.
-/// @param place below `images`; `devices` at least 1
-/// @return the device's number, from 0
-int DeviceOfPlace(size_t place, size_t images, size_t devices) {
-  constexpr size_t kMaxLength = 16;  // of a stretch
-  const size_t rounds = (images + kMaxLength * devices - 1) / (kMaxLength * devices);
-  const size_t stretches = std::min(rounds * devices, images);
-  const size_t stretch = ((place + 1) * stretches - 1) / images;  // s begins at s * images / stretches, rounded down
-  return static_cast<int>(stretch % devices);
-}
-
 }  // namespace
 
 std::vector<ReconstructDevice> MakeDevices(const ReconstructOptions& options, std::ostream* log) {
@@ -53,19 +40,10 @@ std::vector<ReconstructDevice> MakeDevices(const ReconstructOptions& options, st
   return devices;
 }
 
-Devices::Devices(std::vector<ReconstructDevice> devices, const std::vector<int>& images)
-    : devices_(std::move(devices)) {
-  ShareOut(images);
+Devices::Devices(std::vector<ReconstructDevice> devices) : devices_(std::move(devices)) {
   for (const ReconstructDevice& device : devices_) free_bytes_.push_back(device.engines.front()->FreeDeviceBytes());
   if (on_host()) return;
   for (const ReconstructDevice& device : devices_) fusion_engines_.push_back(device.engines.front()->Share());
-}
-
-void Devices::ShareOut(const std::vector<int>& images) {
-  device_of_.clear();
-  for (size_t place = 0; place < images.size(); ++place) {
-    device_of_[images[place]] = DeviceOfPlace(place, images.size(), devices_.size());
-  }
 }
 
 DeviceEngine Devices::Engine(int device, int number) const {

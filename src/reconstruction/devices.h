@@ -1,6 +1,5 @@
 #pragma once
 
-#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -16,13 +15,10 @@ struct DeviceEngine {
   bool on_host;  ///< the CPU's
 };
 
-/// The devices of a run, who works on which image, and the pools of threads that the task graph has for them.
+/// The devices of a run, and the pools of threads that the task graph has for them.
 class Devices {
  public:
-  /// @param images that take part, by scene index in the order of the scene
-  Devices(std::vector<ReconstructDevice> devices, const std::vector<int>& images);
-  /// Other images take part from now on. Nothing may be under way.
-  void ShareOut(const std::vector<int>& images);
+  explicit Devices(std::vector<ReconstructDevice> devices);
 
   int size() const { return static_cast<int>(devices_.size()); }
   bool on_host() const { return devices_.front().on_host; }
@@ -31,8 +27,6 @@ class Devices {
   /// Memory of a GPU that was free when it was taken over; 0 on the CPU. It keeps what it has been given since.
   size_t FreeBytes(int device) const { return free_bytes_.at(device); }
 
-  /// The device that works on an image that takes part.
-  int DeviceOf(int index) const { return device_of_.at(index); }
   int NumEngines(int device) const { return static_cast<int>(devices_.at(device).engines.size()); }
   /// @param number of the device's thread, from 0
   DeviceEngine Engine(int device, int number) const;
@@ -51,7 +45,6 @@ class Devices {
   std::vector<ReconstructDevice> devices_;
   std::vector<std::unique_ptr<DepthEngine>> fusion_engines_;  ///< per device; none on the CPU
   std::vector<size_t> free_bytes_;                            ///< per device
-  std::map<int, int> device_of_;                              ///< by scene index
 };
 
 }  // namespace acmp

@@ -2,6 +2,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <limits>
 
 #include "acmp_mapping/common/error.h"
@@ -19,33 +20,24 @@ size_t ImageBytes(const Frame& frame, bool on_host) {
 }
 size_t EstimateBytes(const Frame& frame, bool on_host) { return frame.gray.size() * (on_host ? 72 : 49) / 2; }
 
-size_t HostBytes(const FinalMaps& maps) { return maps.depth.size() * (sizeof(float) + sizeof(Vec3f) + sizeof(float)); }
-
-std::shared_ptr<const FinalMaps> FetchFinal(const DeviceEngine& engine, const EngineEstimatePtr& estimate) {
-  EstimateMaps maps = engine.engine->Download(estimate);
-  return std::make_shared<const FinalMaps>(
-      FinalMaps{std::move(maps.depth), std::move(maps.normal), std::move(maps.cost), {}});
-}
-
 }  // namespace
 
 EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output,
-                         Results results, const ReconstructPlan& plan, const Devices& devices,
-                         const std::vector<KeyframeStep>& steps)
+                         Place place, const ReconstructPlan& plan, const Devices& devices)
     : output_(output),
+      place_(place),
       plan_(plan),
       levels_(MakePipelineOptions(options).start_level),
-      steps_(steps),
-      final_step_(static_cast<int>(steps.size()) - 1),
+      steps_(ScheduleOf(MakePipelineOptions(options))),
+      final_step_(static_cast<int>(steps_.size()) - 1),
       frames_(*frames),
-      always_writes_(results == Results::kFiles && (options.keep_work || devices.on_host())),
-      removes_files_(results == Results::kMemory || (devices.on_host() && !options.keep_work)),
-      writes_maps_(results == Results::kMemory || !options.maps.empty() || options.colmap),
-      max_unsaved_map_bytes_(results == Results::kMemory ? kUnlimited : options.MemoryBytes(options.kMapShare)) {
+      always_writes_(place == Place::kKeptFiles || (place == Place::kFiles && devices.on_host())),
+      removes_files_(place == Place::kFiles && devices.on_host()),
+      finals_are_maps_(options.online()) {
   for (int device = 0; device < devices.size(); ++device) {
     const size_t bytes = devices.on_host() ? options.MemoryBytes(options.kMapShare) : devices.FreeBytes(device) / 2;
-    const size_t unsaved = devices.on_host() ? 0 : bytes / 2;
-    devices_.emplace_back(bytes / 4, bytes - bytes / 4 - unsaved, devices.on_host() ? kUnlimited : unsaved);
+    const size_t own = devices.on_host() ? 0 : bytes / 2;
+    devices_.emplace_back(bytes / 4, bytes - bytes / 4 - own, devices.on_host() ? kUnlimited : own);
   }
 }
 
@@ -85,17 +77,17 @@ EngineProblem EngineStore::Problem(const ImagePlan& image, int step, const Devic
 }
 
 EngineImagePtr EngineStore::Image(const FramePtr& frame, const DeviceEngine& engine) {
-  return devices_.at(engine.device)
-      .images.Get(
-          static_cast<int>(frame->id), [&] { return engine.engine->Load(frame, levels_); },
-          [&](const EngineImage&) { return ImageBytes(*frame, engine.on_host); });
+  Device& device = devices_.at(engine.device);
+  return device.images.Get(
+      static_cast<int>(frame->id), [&] { return engine.engine->Load(frame, levels_); },
+      [&](const EngineImage&) { return std::max(ImageBytes(*frame, engine.on_host), device.least_image_bytes); });
 }
 
 EngineEstimatePtr EngineStore::Estimate(const Key& key, const Frame& frame, const DeviceEngine& engine) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    const auto found = unsaved_.find(key);
-    if (found != unsaved_.end() && found->second.device == engine.device) return found->second.estimate;
+    const auto found = on_device_.find(key);
+    if (found != on_device_.end() && found->second.device == engine.device) return found->second.estimate;
   }
   return devices_.at(engine.device)
       .estimates.Get(
@@ -105,74 +97,60 @@ EngineEstimatePtr EngineStore::Estimate(const Key& key, const Frame& frame, cons
 
 EngineEstimatePtr EngineStore::Read(const Key& key, const Frame& frame, const DeviceEngine& engine) const {
   EngineEstimatePtr elsewhere;
+  std::shared_ptr<const EstimateState> in_memory;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (const auto found = unsaved_.find(key); found != unsaved_.end()) elsewhere = found->second.estimate;
+    if (const auto found = on_device_.find(key); found != on_device_.end()) elsewhere = found->second.estimate;
+    if (const auto found = in_memory_.find(key); found != in_memory_.end()) in_memory = found->second;
   }
   if (elsewhere) return engine.engine->Import(elsewhere);
-  if (key.first == final_step_) {
-    const std::shared_ptr<const FinalMaps> maps = Final(key.second);
-    return engine.engine->UploadMaps({maps->depth.View(), maps->normal.View(), maps->cost.View()}, frame.camera);
+  if (key.first == final_step_ && finals_are_maps_) {
+    const FinalMaps maps = ReadFinalMaps(FileOf(key));
+    return engine.engine->UploadMaps({maps.depth.View(), maps.normal.View(), maps.cost.View()}, frame.camera);
   }
   const PinholeCamera camera = CameraAtLevel(frame.camera, steps_[static_cast<size_t>(key.first)].level);
-  return engine.engine->UploadState(ReadEstimate(FileOf(key)), camera);
+  return engine.engine->UploadState(in_memory ? in_memory->Clone() : ReadEstimate(FileOf(key)), camera);
 }
 
 void EngineStore::Keep(int step, const Frame& frame, const DeviceEngine& engine, const EngineEstimatePtr& estimate) {
   const Key key = {step, static_cast<int>(frame.id)};
-  const bool is_final = step == final_step_;
   const size_t bytes = EstimateBytes(frame, engine.on_host);
-  std::shared_ptr<const FinalMaps> maps;
-  if (is_final && writes_maps_) maps = FetchFinal(engine, estimate);
-  if (KeepUnsaved(key, {estimate, engine.device, bytes}, maps)) return;
-  if (is_final) {
-    WriteFinalMaps(FileOf(key), maps ? *maps : *FetchFinal(engine, estimate));
+  if (!always_writes_ && KeepOnDevice(key, {estimate, engine.device, bytes})) return;
+  EstimateState state = engine.engine->DownloadState(estimate);
+  if (place_ == Place::kMemory) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    in_memory_[key] = std::make_shared<const EstimateState>(std::move(state));
   } else {
-    WriteEstimate(FileOf(key), engine.engine->DownloadState(estimate));
+    WriteEstimate(FileOf(key), state);
   }
   devices_.at(engine.device)
       .estimates.Get(
           key, [&] { return estimate; }, [&](const EngineEstimate&) { return bytes; });
 }
 
-bool EngineStore::KeepUnsaved(const Key& key, const Unsaved& unsaved, std::shared_ptr<const FinalMaps> maps) {
-  if (always_writes_) return false;
+bool EngineStore::KeepOnDevice(const Key& key, const OnDevice& kept) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  Device& device = devices_.at(unsaved.device);
-  const size_t final_bytes = device.unsaved_final_bytes + (key.first == final_step_ ? unsaved.bytes : 0);
-  const size_t map_bytes = unsaved_map_bytes_ + (maps ? HostBytes(*maps) : 0);
-  if (device.unsaved_bytes + unsaved.bytes > device.max_unsaved_bytes || final_bytes > device.max_unsaved_bytes / 2 ||
-      map_bytes > max_unsaved_map_bytes_) {
-    return false;
-  }
-  unsaved_[key] = unsaved;
-  device.unsaved_bytes += unsaved.bytes;
-  device.unsaved_final_bytes = final_bytes;
-  unsaved_map_bytes_ = map_bytes;
-  if (maps) unsaved_maps_[key.second] = std::move(maps);
+  Device& device = devices_.at(kept.device);
+  const size_t final_bytes = device.own_final_bytes + (key.first == final_step_ ? kept.bytes : 0);
+  if (device.own_bytes + kept.bytes > device.max_own_bytes || final_bytes > device.max_own_bytes / 2) return false;
+  on_device_[key] = kept;
+  device.own_bytes += kept.bytes;
+  device.own_final_bytes = final_bytes;
   return true;
 }
 
-std::vector<EngineStore::Key> EngineStore::Estimates(const ImagePlan& image, int step) const {
-  std::vector<Key> keys = {{step, image.index}};
-  for (int source : image.sources) {
-    if (plan_.HasMap(source)) keys.emplace_back(step, source);
-  }
-  return keys;
-}
-
-void EngineStore::AddReaders(const ImagePlan& image, int step, int count) {
+void EngineStore::AddReader(const ImagePlan& image, int step) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  for (const Key& key : Estimates(image, step)) readers_left_[key] += count;
+  for (int index : plan_.ImagesRead(image)) ++readers_left_[{step, index}];
 }
 
 void EngineStore::HasRead(const ImagePlan& image, int step) {
-  for (const Key& key : Estimates(image, step)) {
+  for (int index : plan_.ImagesRead(image)) {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
-      if (--readers_left_.at(key) > 0) continue;
+      if (--readers_left_.at({step, index}) > 0) continue;
     }
-    Forget(key);
+    Forget({step, index});
   }
 }
 
@@ -181,28 +159,13 @@ void EngineStore::Forget(const Key& key) {
   std::error_code ignored;  // what is left goes with the work folder
   if (removes_files_ && key.first != final_step_) std::filesystem::remove(FileOf(key), ignored);
   const std::lock_guard<std::mutex> lock(mutex_);
-  const auto found = unsaved_.find(key);
-  if (found == unsaved_.end()) return;
+  in_memory_.erase(key);
+  const auto found = on_device_.find(key);
+  if (found == on_device_.end()) return;
   Device& device = devices_.at(found->second.device);
-  device.unsaved_bytes -= found->second.bytes;
-  if (key.first == final_step_) device.unsaved_final_bytes -= found->second.bytes;
-  unsaved_.erase(found);
-}
-
-std::shared_ptr<const FinalMaps> EngineStore::Final(int index) const {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (const auto found = unsaved_maps_.find(index); found != unsaved_maps_.end()) return found->second;
-  }
-  return std::make_shared<const FinalMaps>(ReadFinalMaps(FileOf({final_step_, index})));
-}
-
-void EngineStore::ReleaseFinal(int index) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  const auto found = unsaved_maps_.find(index);
-  if (found == unsaved_maps_.end()) return;
-  unsaved_map_bytes_ -= HostBytes(*found->second);
-  unsaved_maps_.erase(found);
+  device.own_bytes -= found->second.bytes;
+  if (key.first == final_step_) device.own_final_bytes -= found->second.bytes;
+  on_device_.erase(found);
 }
 
 }  // namespace acmp

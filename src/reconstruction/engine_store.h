@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <deque>
 #include <functional>
-#include <limits>
 #include <list>
 #include <map>
 #include <memory>
@@ -15,6 +14,7 @@
 #include <vector>
 
 #include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/pipeline/presets.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
 #include "devices.h"
 #include "output_folder.h"
@@ -23,7 +23,7 @@
 
 namespace acmp {
 
-/// Keeps the values used last, up to a number of bytes and of values. A value that is larger than all of it is handed
+/// Keeps the values used last, up to a number of bytes. A value that is larger than all of it is handed
 /// out but not kept. Any number of threads may ask; a value that several want is made once, and different ones at the
 /// same time.
 template <class Key, class Value>
@@ -31,88 +31,76 @@ class LruCache {
  public:
   using Pointer = std::shared_ptr<const Value>;
 
-  explicit LruCache(size_t max_bytes, size_t max_values = std::numeric_limits<size_t>::max())
-      : max_bytes_(max_bytes), max_values_(max_values) {}
+  explicit LruCache(size_t max_bytes) : max_bytes_(max_bytes) {}
 
   /// The value of a key; made by `make` when it is not there. `bytes_of` says how large it is. Where `make` throws,
   /// each of those who wait for the value tries for himself.
   Pointer Get(const Key& key, const std::function<Pointer()>& make,
               const std::function<size_t(const Value&)>& bytes_of) {
-    const std::shared_ptr<Slot> slot = Touch(key);
-    const std::lock_guard<std::mutex> lock(slot->mutex);
-    if (!slot->value) {
+    const std::shared_ptr<Entry> entry = Touch(key);
+    const std::lock_guard<std::mutex> lock(entry->making);
+    if (!entry->value) {
       // While it waits for its own loops this thread must not take up work that waits for this value.
-      tbb::this_task_arena::isolate([&] { slot->value = make(); });
-      Count(key, slot, bytes_of(*slot->value));
+      tbb::this_task_arena::isolate([&] { entry->value = make(); });
+      Count(key, entry, bytes_of(*entry->value));
     }
-    return slot->value;
+    return entry->value;
   }
 
   /// Forgets a value; no effect when it is not there. One that is being made still goes to all who wait for it, but is
   /// not kept.
   void Drop(const Key& key) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    const auto found = entries_.find(key);
-    if (found != entries_.end()) Erase(found);
-  }
-
-  size_t bytes() const {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    return bytes_;
+    if (const auto found = entries_.find(key); found != entries_.end()) Erase(found);
   }
 
  private:
-  struct Slot {
-    std::mutex mutex;  ///< held while the value is made
-    Pointer value;
-  };
   struct Entry {
-    std::shared_ptr<Slot> slot;
+    std::mutex making;  ///< held while the value is made
+    Pointer value;
     size_t bytes = 0;  ///< 0: not made yet
     typename std::list<Key>::iterator place;
   };
-  using Entries = std::map<Key, Entry>;
+  using Entries = std::map<Key, std::shared_ptr<Entry>>;
 
-  /// The slot of a key, which is the one used last from now on.
-  std::shared_ptr<Slot> Touch(const Key& key) {
+  /// The entry of a key, which is the one used last from now on.
+  std::shared_ptr<Entry> Touch(const Key& key) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (const auto found = entries_.find(key); found != entries_.end()) {
-      order_.splice(order_.begin(), order_, found->second.place);
-      return found->second.slot;
+    std::shared_ptr<Entry>& entry = entries_[key];
+    if (entry) {
+      order_.splice(order_.begin(), order_, entry->place);
+    } else {
+      entry = std::make_shared<Entry>();
+      entry->place = order_.insert(order_.begin(), key);
     }
-    order_.push_front(key);
-    return entries_.emplace(key, Entry{std::make_shared<Slot>(), 0, order_.begin()}).first->second.slot;
+    return entry;
   }
 
-  void Count(const Key& key, const std::shared_ptr<Slot>& slot, size_t bytes) {
+  void Count(const Key& key, const std::shared_ptr<Entry>& entry, size_t bytes) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    const auto entry = entries_.find(key);
-    if (entry == entries_.end() || entry->second.slot != slot) return;  // dropped meanwhile
-    entry->second.bytes = bytes;
+    const auto found = entries_.find(key);
+    if (found == entries_.end() || found->second != entry) return;  // dropped meanwhile
+    entry->bytes = bytes;
     bytes_ += bytes;
-    ++values_;
-    const auto is_full = [&] { return bytes_ > max_bytes_ || values_ > max_values_; };
-    for (auto oldest = order_.end(); is_full() && oldest != order_.begin();) {
-      const auto found = entries_.find(*--oldest);
-      if (found->second.bytes == 0) continue;
+    for (auto oldest = order_.end(); bytes_ > max_bytes_ && oldest != order_.begin();) {
+      const auto old = entries_.find(*--oldest);
+      if (old->second->bytes == 0) continue;
       ++oldest;  // before it goes
-      Erase(found);
+      Erase(old);
     }
   }
 
   void Erase(typename Entries::iterator entry) {
-    bytes_ -= entry->second.bytes;
-    if (entry->second.bytes > 0) --values_;
-    order_.erase(entry->second.place);
+    bytes_ -= entry->second->bytes;
+    order_.erase(entry->second->place);
     entries_.erase(entry);
   }
 
-  const size_t max_bytes_, max_values_;
-  mutable std::mutex mutex_;
+  const size_t max_bytes_;
+  std::mutex mutex_;
   Entries entries_;
   std::list<Key> order_;  ///< used last first
   size_t bytes_ = 0;      ///< of all that are made
-  size_t values_ = 0;     ///< that are made
 };
 
 /// Images of a scene at the size of the run. For any number of threads.
@@ -141,99 +129,94 @@ class FrameStore {
   LruCache<int, Frame> cache_;
 };
 
-/// Images and estimates of a run where the engines read them: those used last stay on their devices, others are read
-/// from the images' and the work folder's files. For any number of threads; an engine by one at a time.
-/// What GPUs make is kept in their memory, as far as it goes, and not written to the work folder: that takes longer
-/// than making it again after an interruption.
+/// Images and estimates of a run where the engines read them: on the devices as far as there is room, beyond in files
+/// of the work folder or, where results stay in memory, there. For any number of threads; an engine by one at a time.
+/// What GPUs make is not written while they have room: that takes longer than making it again after an interruption.
 class EngineStore {
  public:
   /// An image's estimate after a step of its schedule: step, scene index.
   using Key = std::pair<int, int>;
 
-  enum class Results {
-    kFiles,   ///< a run that is interrupted goes on from its work files
-    kMemory,  ///< final maps are fetched at the end; files are for what devices have no room for
+  enum class Place {
+    kFiles,      ///< what devices have no room for; of the host everything, as long as somebody reads it
+    kKeptFiles,  ///< everything, also when nobody reads it any more
+    kMemory,     ///< no files
   };
 
   /// All outlive the store. @param output has the work folder
-  /// @param steps of an image's schedule; the last one's estimates are final
-  EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output,
-              Results results, const ReconstructPlan& plan, const Devices& devices,
-              const std::vector<KeyframeStep>& steps);
+  EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output, Place place,
+              const ReconstructPlan& plan, const Devices& devices);
 
+  /// Of the schedule: its estimates are final.
   int final_step() const { return final_step_; }
   FramePtr FrameOf(int index) { return frames_.Get(index); }
-  const std::filesystem::path& output() const { return output_; }
-  /// Where an estimate is if it is in a file.
-  static std::filesystem::path FileOf(const std::filesystem::path& output, const Key& key, int final_step) {
-    return OutputFolder::WorkFile(output, StepName(key.first, final_step), key.second);
+  /// Where an estimate is if it is in a file; of the online schedule, the final maps.
+  std::filesystem::path FileOf(const Key& key) const {
+    return OutputFolder::WorkFile(output_, StepName(key.first, final_step_), key.second);
   }
-  std::filesystem::path FileOf(const Key& key) const { return FileOf(output_, key, final_step_); }
   /// Of a step's work files: "step_0", ..., "final".
   static std::string StepName(int step, int final_step);
+  /// Whether an earlier run has left an estimate. Reads its whole file.
+  WorkFileState FindFile(const Key& key) const {
+    return place_ == Place::kMemory ? WorkFileState::kMissing : CheckWorkFile(FileOf(key));
+  }
 
   /// The reference image and source views with frames and images; decodes several files side by side.
   EngineProblem Problem(const ImagePlan& image, const DeviceEngine& engine);
   /// The same with all their estimates after a step. Source views without a map keep a null one.
   EngineProblem Problem(const ImagePlan& image, int step, const DeviceEngine& engine);
 
-  /// Keeps an estimate: on its device, and in a file of the work folder if there is no room or the device is the host.
   void Keep(int step, const Frame& frame, const DeviceEngine& engine, const EngineEstimatePtr& estimate);
 
-  /// Announces that so many will read each of the estimates that Problem(image, step) gives.
-  void AddReaders(const ImagePlan& image, int step, int count);
+  /// Announces one who will read the estimates that Problem(image, step) gives.
+  void AddReader(const ImagePlan& image, int step);
   /// One of them has. Frees the memory of estimates that nobody reads any more, and removes their files where what was
   /// made of them is in files for certain.
   void HasRead(const ImagePlan& image, int step);
 
-  /// An image's maps after the last step, to be written.
-  std::shared_ptr<const FinalMaps> Final(int index) const;
-  /// Frees their memory.
-  void ReleaseFinal(int index);
-
  private:
-  struct Unsaved {
+  struct OnDevice {
     EngineEstimatePtr estimate;
     int device = 0;
     size_t bytes = 0;
   };
   struct Device {
-    Device(size_t image_bytes, size_t estimate_bytes, size_t unsaved_bytes)
-        : images(image_bytes, kMaxCachedImages), estimates(estimate_bytes), max_unsaved_bytes(unsaved_bytes) {}
+    Device(size_t image_bytes, size_t estimate_bytes, size_t own_bytes)
+        : least_image_bytes(image_bytes / kMaxCachedImages),
+          images(image_bytes),
+          estimates(estimate_bytes),
+          max_own_bytes(own_bytes) {}
     /// A GPU holds at most 2048 images, the layers of a texture: half of them are left for what tasks hold.
     static constexpr size_t kMaxCachedImages = 1024;
+    const size_t least_image_bytes;  ///< that an image counts
     LruCache<int, EngineImage> images;
-    LruCache<Key, EngineEstimate> estimates;  ///< copies of what is elsewhere or in a file
-    const size_t max_unsaved_bytes;
-    size_t unsaved_bytes = 0;        ///< under the store's mutex
-    size_t unsaved_final_bytes = 0;  ///< of these those of final estimates: half of the room at most
+    LruCache<Key, EngineEstimate> estimates;  ///< copies of what is elsewhere
+    const size_t max_own_bytes;
+    size_t own_bytes = 0;        ///< of estimates that are only here, under the store's mutex
+    size_t own_final_bytes = 0;  ///< of these those of final estimates: half of the room at most
   };
 
   EngineImagePtr Image(const FramePtr& frame, const DeviceEngine& engine);
   EngineEstimatePtr Estimate(const Key& key, const Frame& frame, const DeviceEngine& engine);
   EngineEstimatePtr Read(const Key& key, const Frame& frame, const DeviceEngine& engine) const;
-  /// @param maps of a final estimate; null: they are not written
-  bool KeepUnsaved(const Key& key, const Unsaved& unsaved, std::shared_ptr<const FinalMaps> maps);
-  /// Keys of the estimates that Problem(image, step) gives.
-  std::vector<Key> Estimates(const ImagePlan& image, int step) const;
+  bool KeepOnDevice(const Key& key, const OnDevice& kept);
   void Forget(const Key& key);
 
   const std::filesystem::path output_;
+  const Place place_;
   const ReconstructPlan& plan_;
   const int levels_;
   const std::vector<KeyframeStep> steps_;
   const int final_step_;
   FrameStore& frames_;
   std::deque<Device> devices_;
-  const bool always_writes_;  ///< the work files
-  const bool removes_files_;  ///< that nobody reads any more
-  const bool writes_maps_;    ///< of final estimates
-  const size_t max_unsaved_map_bytes_;
+  const bool always_writes_;    ///< the work files
+  const bool removes_files_;    ///< that nobody reads any more
+  const bool finals_are_maps_;  ///< in the work files
 
-  mutable std::mutex mutex_;        ///< of what follows
-  std::map<Key, Unsaved> unsaved_;  ///< in no file
-  std::map<int, std::shared_ptr<const FinalMaps>> unsaved_maps_;
-  size_t unsaved_map_bytes_ = 0;
+  mutable std::mutex mutex_;                                       ///< of what follows
+  std::map<Key, OnDevice> on_device_;                              ///< and nowhere else
+  std::map<Key, std::shared_ptr<const EstimateState>> in_memory_;  ///< of the host, instead of files
   std::map<Key, int> readers_left_;
 };
 

@@ -100,6 +100,13 @@ void Remove(const std::filesystem::path& path) {
   if (error) throw ProcessingError(Concat("cannot remove ", path.string(), ": ", error.message()));
 }
 
+/// "000012"
+std::string SixDigits(int number) {
+  char text[16];
+  std::snprintf(text, sizeof(text), "%06d", number);
+  return text;
+}
+
 /// A file, or of a folder what a run writes there: what others have put beside it stays.
 void RemoveResult(const std::filesystem::path& path) {
   if (!std::filesystem::is_directory(std::filesystem::symlink_status(path)) || path.filename() == "colmap") {
@@ -113,12 +120,6 @@ void RemoveResult(const std::filesystem::path& path) {
 }
 
 }  // namespace
-
-std::string SixDigits(int number) {
-  char text[16];
-  std::snprintf(text, sizeof(text), "%06d", number);
-  return text;
-}
 
 OutputFolder::OutputFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite, Use use)
     : path_(path) {

@@ -72,7 +72,4 @@ class OutputFolder {
   int lock_ = -1;
 };
 
-/// "000012"
-std::string SixDigits(int number);
-
 }  // namespace acmp

@@ -2,10 +2,13 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -35,44 +38,64 @@ class ColmapOutput {
   /// gets a map, and the maps tell which images see a point.
   /// @param images with maps, by scene index
   /// @param clouds of each of the images, from the plan's origin
-  void WriteModel(const std::vector<int>& images, const std::vector<PointCloud>& clouds) const;
+  void WriteModel(const std::set<int>& images, const std::vector<PointCloud>& clouds) const;
 
  private:
   std::filesystem::path DepthFile(const std::string& name) const;
-  std::vector<std::vector<size_t>> SourcesWithin(const std::vector<int>& images) const;
 
   const ReconstructRun& run_;
   std::filesystem::path folder_;
 };
 
-/// The maps and pictures of an image that are made; COLMAP's files are not among them.
-std::vector<std::filesystem::path> FilesOfImage(const ReconstructOptions& options, const OutputFolder& folder,
-                                                int index);
+/// Memory that several threads share out.
+class MemoryRoom {
+ public:
+  explicit MemoryRoom(size_t bytes) : left_(static_cast<int64_t>(bytes)) {}
+  /// False: there is not as much any more.
+  bool Take(size_t bytes) {
+    if ((left_ -= static_cast<int64_t>(bytes)) >= 0) return true;
+    GiveBack(bytes);
+    return false;
+  }
+  void GiveBack(size_t bytes) { left_ += static_cast<int64_t>(bytes); }
 
-/// The files of images with final estimates in the run's store: maps, their pictures, and their part of COLMAP's
-/// workspace.
+ private:
+  std::atomic<int64_t> left_;
+};
+
+/// The files of images with final estimates: maps, their pictures, and their part of COLMAP's workspace. A stage leaves
+/// a record of each image whose files it has written, and none that has one is written again.
 class ImageFiles {
  public:
   /// Makes the folders. @param run not null, with a folder; outlives this
   explicit ImageFiles(ReconstructRun* run);
 
-  /// Adds the tasks that measure an image's confidence, where it is asked for and does not come with the maps, and
-  /// write its files. Returns the number of the last one.
-  int AddTasks(const ImagePlan& image, RunTasks* tasks);
+  /// Of these images with a map those with files that are not there as a stage has recorded them.
+  std::set<int> Missing(const std::set<int>& images) const;
+  /// Adds the tasks that fetch an image's maps and write its files. Where maps wait for the threads that write files
+  /// until there is no memory for more, those that fetch them write, too; on the host they always do.
+  void AddTasks(const ImagePlan& image, RunTasks* tasks);
   /// At the end: what the files could not hold.
   void WarnOfDepthsTooFar() const;
 
   const std::optional<ColmapOutput>& colmap() const { return colmap_; }  ///< where it is asked for
 
  private:
-  void WriteFiles(int index, const ConfidenceMap& measured);
-  /// @param confidence empty where it is not written
-  /// @return pixels that are too deep for depth/*.png
-  size_t Write(int index, const FinalMaps& maps, const ConfidenceMap& confidence) const;
+  using Path = std::filesystem::path;
+  struct File {
+    Path path;
+    std::function<void(const Path&)> write;
+  };
+
+  Path RecordOf(int index) const { return run_.folder->WorkFile("maps", index); }
+  std::vector<File> FilesOf(int index, const FinalMaps& maps, size_t* too_far) const;
+  std::string SizesOfFiles(int index) const;
+  void WriteFiles(int index, const FinalMaps& maps);
 
   ReconstructRun& run_;
   std::optional<ColmapOutput> colmap_;
-  const bool measures_confidence_;
+  const bool writes_any_;
+  MemoryRoom room_;     ///< for maps that wait
   size_t too_far_ = 0;  ///< pixels; under the run's mutex while tasks run
 };
 
@@ -132,26 +155,6 @@ class TiledCloud {
   std::map<TileNumber, Tile> tiles_;
   std::pair<const TileNumber, Tile>* last_tile_ = nullptr;  ///< most often the next point's, too
   size_t points_ = 0, in_memory_ = 0;
-};
-
-/// Where a run's cloud goes: OUTPUT/fused.ply, or with --tile-size OUTPUT/tiles. By one thread at a time. Errors are
-/// those of PlyFile and TiledCloud.
-class CloudOutput {
- public:
-  /// @param run with a folder; outlives this
-  explicit CloudOutput(const ReconstructRun& run);
-
-  /// Adds a view's points after those of all that came before.
-  void Add(const PointCloud& points);
-  /// Once all points are there. Without it there is no cloud.
-  void Commit();
-
-  CloudSize size() const;
-
- private:
-  const StopRequest& interrupt_;
-  std::optional<PlyFile> file_;      ///< this one
-  std::optional<TiledCloud> tiles_;  ///< or that one
 };
 
 }  // namespace acmp

@@ -5,7 +5,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <set>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/scene.h"
@@ -126,6 +125,14 @@ std::vector<int> ReconstructPlan::Indices() const {
   return indices;
 }
 
+std::set<int> ReconstructPlan::WithMap() const {
+  std::set<int> indices;
+  for (const ImagePlan& image : images) {
+    if (image.no_map.empty()) indices.insert(image.index);
+  }
+  return indices;
+}
+
 std::vector<int> ReconstructPlan::ImagesRead(const ImagePlan& image) const {
   std::vector<int> indices = {image.index};
   for (int source : image.sources) {
@@ -194,11 +201,16 @@ DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indi
   return all;
 }
 
+PinholeCamera MatchedCamera(const SceneImage& image, const ReconstructOptions& options) {
+  int width = image.camera.width, height = image.camera.height;
+  LimitSize(options.max_image_size, &width, &height);
+  return image.camera.Resized(width, height);
+}
+
 void CheckSizes(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options) {
   for (int index : indices) {
-    PinholeCamera matched = scene.images[index].camera;
-    LimitSize(options.max_image_size, &matched.width, &matched.height);
-    CheckSize(scene.images[index], matched, MakePipelineOptions(options).start_level);
+    const SceneImage& image = scene.images[index];
+    CheckSize(image, MatchedCamera(image, options), MakePipelineOptions(options).start_level);
   }
 }
 

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -93,6 +94,8 @@ struct ReconstructPlan {
   }
   /// Scene indices of the images.
   std::vector<int> Indices() const;
+  /// Of those that get a map.
+  std::set<int> WithMap() const;
   /// The image and its source views that get a map: whose estimates its refinements and its points are made of.
   std::vector<int> ImagesRead(const ImagePlan& image) const;
 };
@@ -119,6 +122,9 @@ ReconstructPlan MakeOnlinePlan(const Scene& scene, const std::vector<int>& indic
 
 /// All the depths that the dataset names for the images, with the same margin as offline; 0, 0 when it names none.
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);
+
+/// Of an image as stored, at the size at which it is matched.
+PinholeCamera MatchedCamera(const SceneImage& image, const ReconstructOptions& options);
 
 /// Throws InvalidInputError for an image that has no pixel left when it is halved as often as the options say.
 void CheckSizes(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options);

@@ -112,13 +112,11 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   // Each image is decoded once, so that a damaged one is found now and not hours later; those that fit in stay.
   const auto decode = [&](int index) { frames.Get(index); };
   const std::string input_hash = InputHash(scene, indices, HashFiles(scene, indices, interrupt, decode));
-  const Devices devices(devices_to_come.get(), indices);
+  const Devices devices(devices_to_come.get());
   const RunRecord record = MakeRecord(options, devices.name(), input_hash);
   OutputFolder folder(options.output, record, options.overwrite);
   if (folder.state() == OutputFolder::State::kComplete) {
-    if (!options.keep_work) folder.RemoveWork();
-    ReportComplete(folder, options.output.string() + ": already complete (--overwrite starts afresh)", options.quiet,
-                   out);
+    ReportComplete(folder, "", options, out);
     if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, interrupt, &frames, &progress, out);
     return;
   }
@@ -135,13 +133,12 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
         "The camera of the images with the distortion that its calibration has left, as --refine-poses found it");
   }
   {
-    EngineStore store(&frames, options, folder.path(), EngineStore::Results::kFiles, plan, devices,
-                      ScheduleOf(MakePipelineOptions(options)));
+    const auto place = options.keep_work ? EngineStore::Place::kKeptFiles : EngineStore::Place::kFiles;
+    EngineStore store(&frames, options, folder.path(), place, plan, devices);
     ReconstructRun run{scene, options, plan, devices, store, interrupt, progress, &folder};
     const CloudSize cloud = RunSchedule(&run);
     CheckUnchanged(scene, indices, stamps, &folder);
-    const std::string failure = EndRun(&run, record, devices.name(), timer, cloud, out);
-    if (!failure.empty()) throw ProcessingError(failure);
+    EndRun(&run, record, devices.name(), timer, cloud, out);
   }
   if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, interrupt, &frames, &progress, out);
 }

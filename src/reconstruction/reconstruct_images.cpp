@@ -2,10 +2,6 @@
 
 #include <tbb/parallel_for.h>
 
-#include <cerrno>
-#include <cstdlib>
-#include <cstring>
-#include <filesystem>
 #include <memory>
 #include <numeric>
 #include <set>
@@ -82,67 +78,31 @@ ReconstructPlan MakePlan(const Scene& scene, const std::vector<InputImage>& imag
   return MakeOfflinePlan(scene, indices, ranges, options);
 }
 
-/// A folder that goes with this. Throws ProcessingError where there can be none.
-class TemporaryFolder {
- public:
-  TemporaryFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "acmp_XXXXXX").string();
-    if (!mkdtemp(name.data())) throw ProcessingError(Concat("cannot make ", name, ": ", std::strerror(errno)));
-    path_ = name;
-  }
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
-
-/// What the run's tasks leave, by scene index.
-struct Outputs {
-  std::vector<ConfidenceMap> confidences;
-  std::vector<PointCloud> clouds;
-};
-
-Outputs DoTasks(ReconstructRun* run) {
-  Outputs outputs = {std::vector<ConfidenceMap>(run->plan.images.size()),
-                     std::vector<PointCloud>(run->plan.images.size())};
-  RunTasks tasks(run);
-  tasks.AddMissingSteps();
+/// Computes maps and points of all images.
+ImageReconstruction DoTasks(ReconstructRun* run) {
+  ImageReconstruction result;
   for (const ImagePlan& image : run->plan.images) {
-    if (!image.no_map.empty()) continue;
-    const auto place = static_cast<size_t>(image.index);
-    tasks.AddConfidence(
-        image, [&outputs, place](ConfidenceMap confidence) { outputs.confidences[place] = std::move(confidence); });
-    tasks.AddFusion(image, [&outputs, place](PointCloud cloud) { outputs.clouds[place] = std::move(cloud); });
+    result.images.push_back({CameraOf(*run, image.index), {}, {}, {}, {}, image.sources, image.no_map});
+  }
+  std::vector<PointCloud> clouds(run->plan.images.size());
+  const std::set<int> with_map = run->plan.WithMap();
+  RunTasks tasks(run, run->store.final_step(), with_map);
+  for (int index : with_map) {
+    const ImagePlan& image = *run->plan.Find(index);
+    ImageResult& maps = result.images[static_cast<size_t>(index)];
+    tasks.AddMaps(image, true, [&maps](FinalMaps final_maps) {
+      maps.depth = std::move(final_maps.depth);
+      maps.normal = std::move(final_maps.normal);
+      maps.cost = std::move(final_maps.cost);
+      maps.confidence = std::move(final_maps.confidence);
+    });
+    PointCloud& cloud = clouds[static_cast<size_t>(index)];
+    tasks.AddFusion(image, [&cloud](PointCloud points) { cloud = std::move(points); });
   }
   tasks.Run();
   run->interrupt.Check();
-  return outputs;
-}
-
-/// Takes the final maps out of the store.
-ImageReconstruction Collect(ReconstructRun* run, Outputs outputs) {
-  ImageReconstruction result;
-  for (const ImagePlan& image : run->plan.images) {
-    ImageResult& maps = result.images.emplace_back();
-    maps.camera = CameraOf(*run, image.index);
-    maps.sources = image.sources;
-    maps.no_map = image.no_map;
-    if (!image.no_map.empty()) continue;
-    const std::shared_ptr<const FinalMaps> final_maps = run->store.Final(image.index);
-    maps.depth = final_maps->depth.Clone();
-    maps.normal = final_maps->normal.Clone();
-    maps.cost = final_maps->cost.Clone();
-    run->store.ReleaseFinal(image.index);
-    const auto place = static_cast<size_t>(image.index);
-    maps.confidence = std::move(outputs.confidences[place]);
-    const PointCloud points = std::move(outputs.clouds[place]);
+  for (PointCloud& cloud : clouds) {
+    const PointCloud points = std::move(cloud);
     result.cloud.insert(result.cloud.end(), points.begin(), points.end());
   }
   result.origin = run->plan.origin;
@@ -169,14 +129,12 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
   interrupt->Check();
   CheckSizes(scene, indices, options);
   scene.landmarks_in_world.clear();
-  const Devices devices(make_devices(), indices);
-  const TemporaryFolder files;
-  EngineStore store(&frames, options, files.path(), EngineStore::Results::kMemory, plan, devices,
-                    ScheduleOf(MakePipelineOptions(options)));
+  const Devices devices(make_devices());
+  EngineStore store(&frames, options, {}, EngineStore::Place::kMemory, plan, devices);
   std::ostream nowhere(nullptr);
   Progress progress(&nowhere, ProgressStyle::kSilent);
   ReconstructRun run{scene, options, plan, devices, store, *interrupt, progress, nullptr};
-  return Collect(&run, DoTasks(&run));
+  return DoTasks(&run);
 }
 
 std::vector<InputImage> ReadInputImages(const ReconstructOptions& options, const StopRequest& interrupt,

@@ -3,6 +3,7 @@
 #include <map>
 #include <mutex>
 #include <ostream>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -62,7 +63,7 @@ PinholeCamera CameraOf(const ReconstructRun& run, int index);
 
 /// Writes OUTPUT/cameras.txt: cameras of the maps, at their size, with their poses.
 /// @param images with maps, by scene index
-void WriteCameras(const ReconstructRun& run, const std::vector<int>& images);
+void WriteCameras(const ReconstructRun& run, const std::set<int>& images);
 
 /// How much a run's cloud is.
 struct CloudSize {
@@ -75,8 +76,13 @@ void RunOnlineSchedule(ReconstructRun* run);
 
 /// Writes all results of a run whose results are files: of the offline schedule, whose missing steps are done
 /// meanwhile, or of the final maps that the online one has left. Confidence, map files and pictures of every image that
-/// gets a map; the cloud and the cameras.
+/// gets a map; the cloud and the cameras. What earlier stages have written stays.
 CloudSize RunAndWriteResults(ReconstructRun* run);
+
+/// Does what is missing before images have estimates of a step in files.
+/// @param images with a map, by scene index
+/// @param maps also writes their map files and pictures; the step is then the final one
+void RunStage(ReconstructRun* run, int step, const std::set<int>& images, bool maps);
 
 /// Writes the mesh of a finished run to options.mesh: of the maps in its folder, at the poses of its cameras.txt. A
 /// line of what it is goes to `out` unless options.quiet. Throws InvalidInputError, ProcessingError or Interrupted.
@@ -98,8 +104,11 @@ RunRecord MakeRecord(const ReconstructOptions& options, const std::string& devic
 /// "NVIDIA H200 (cuda:0)" -> "NVIDIA H200": what decides the bits.
 std::string DeviceModel(const std::string& device_name);
 
-/// Says of a run that is there already that it is complete. Throws ProcessingError where it counts as failed.
-void ReportComplete(const OutputFolder& folder, const std::string& text, bool quiet, std::ostream* out);
+/// Says of a run that is there already that it is complete, and removes its work files. Throws ProcessingError where it
+/// counts as failed.
+/// @param prefix of the line
+void ReportComplete(const OutputFolder& folder, const std::string& prefix, const ReconstructOptions& options,
+                    std::ostream* out);
 
 /// What the number of points says of a run. Empty: nothing.
 struct PointsJudgement {
@@ -114,11 +123,11 @@ void ReportImagesWithoutMap(const ReconstructPlan& plan, const Scene& scene, Pro
 /// A warning that says of how many images the prior depth is not used, and why of one.
 void ReportUnusedPriorDepth(const ReconstructRun& run);
 
-/// The list of files and the summary, which make the run complete.
+/// The list of files and the summary, which make the run complete. Throws ProcessingError where it counts as failed
+/// though all is written.
 /// @param device name of what computed it
 /// @param timer of the whole run
-/// @return why the run counts as failed though all is written; empty: it does not
-std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
-                   const CloudSize& cloud, std::ostream* out);
+void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
+            const CloudSize& cloud, std::ostream* out);
 
 }  // namespace acmp

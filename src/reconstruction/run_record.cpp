@@ -130,8 +130,10 @@ RunRecord MakeRecord(const ReconstructOptions& options, const std::string& devic
 
 std::string DeviceModel(const std::string& device_name) { return device_name.substr(0, device_name.find(" (")); }
 
-void ReportComplete(const OutputFolder& folder, const std::string& text, bool quiet, std::ostream* out) {
-  if (!quiet) *out << text << std::endl;
+void ReportComplete(const OutputFolder& folder, const std::string& prefix, const ReconstructOptions& options,
+                    std::ostream* out) {
+  if (!options.keep_work) folder.RemoveWork();
+  if (!options.quiet) *out << prefix << folder.path().string() << ": already complete (--overwrite starts afresh)\n";
   std::ifstream stream(folder.SummaryFile());
   const Json summary = Json::parse(stream, nullptr, false);
   if (!summary.is_object() || !summary.contains("failure") || !summary["failure"].is_string()) return;
@@ -179,8 +181,8 @@ void ReportUnusedPriorDepth(const ReconstructRun& run) {
                            run.scene.images[static_cast<size_t>(index)].name, ": ", reason));
 }
 
-std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
-                   const CloudSize& cloud, std::ostream* out) {
+void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
+            const CloudSize& cloud, std::ostream* out) {
   Timer sync;
   run->folder->WriteFileList();
   SyncFolder(run->folder->path());
@@ -188,7 +190,8 @@ std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::stri
   run->times.run_ms = timer.Elapsed();
   const PointsJudgement judgement = JudgePoints(*run, cloud.points);
   if (!judgement.warning.empty()) run->progress.Warn(judgement.warning);
-  std::string failure = judgement.failure.empty() ? "" : Concat(run->folder->path().string(), ": ", judgement.failure);
+  const std::string failure =
+      judgement.failure.empty() ? "" : Concat(run->folder->path().string(), ": ", judgement.failure);
   WriteFileAtomically(run->folder->SummaryFile(), FormatSummary(*run, record, device, cloud, failure),
                       Durability::kPowerCut);
   if (!run->options.keep_work) run->folder->RemoveWork();
@@ -197,7 +200,7 @@ std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::stri
          << FormatDuration(run->times.run_ms / 1000) << " on " << device << std::endl;
   }
   if (run->options.timings) *out << FormatTimings(run->times) << std::flush;
-  return failure;
+  if (!failure.empty()) throw ProcessingError(failure);
 }
 
 }  // namespace acmp

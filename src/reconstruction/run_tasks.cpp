@@ -2,6 +2,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <mutex>
 #include <utility>
 
@@ -35,73 +36,75 @@ void MoveCloud(const RigidTransform& motion, const Eigen::Vector3d& origin, Poin
   }
 }
 
-}  // namespace
+constexpr int kUrgent = -1;  // rank of a task: before any step
 
-std::set<StepOfImage> StepsToDo(const std::filesystem::path& output, const ReconstructPlan& plan, const Scene& scene,
-                                int step, int final_step, const std::set<int>& wanted, const StopRequest& interrupt,
-                                Progress* progress) {
-  std::set<StepOfImage> to_do;
-  std::set<int> read = wanted;  // of the step's results, by scene index
-  for (; step >= 0; --step) {
-    const std::vector<int> images(read.begin(), read.end());
-    const auto file_of = [&](size_t i) { return EngineStore::FileOf(output, {step, images[i]}, final_step); };
-    std::vector<WorkFileState> files(images.size());
-    tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) {
-      interrupt.Check();
-      files[i] = CheckWorkFile(file_of(i));
-    });
-    read.clear();
-    for (size_t i = 0; i < images.size(); ++i) {
-      if (files[i] == WorkFileState::kWhole) continue;
-      if (files[i] == WorkFileState::kDamaged) {
-        progress->Warn(Concat("the work file ", file_of(i).string(), " is damaged: its step of image ",
-                              scene.images[static_cast<size_t>(images[i])].name, " is computed again"));
-      }
-      to_do.insert({step, images[i]});
-      for (int other : plan.ImagesRead(*plan.Find(images[i]))) read.insert(other);
-    }
-  }
-  return to_do;
+/// The device that works on the image at a place of those worked on. Stretches of up to 16 images, of about the same
+/// length, go to one device after the other: neighbours, which mostly see the same, are on the same one, and all
+/// devices are at about the same place of the scene, so that few points wait for those of earlier images.
+/// @param place below `images`; `devices` at least 1
+/// @return the device's number, from 0
+int DeviceOfPlace(size_t place, size_t images, size_t devices) {
+  constexpr size_t kMaxLength = 16;  // of a stretch
+  const size_t rounds = (images + kMaxLength * devices - 1) / (kMaxLength * devices);
+  const size_t stretches = std::min(rounds * devices, images);
+  const size_t stretch = ((place + 1) * stretches - 1) / images;  // s begins at s * images / stretches, rounded down
+  return static_cast<int>(stretch % devices);
 }
 
-void RunTasks::AddSteps(const std::set<StepOfImage>& steps) {
+}  // namespace
+
+RunTasks::RunTasks(ReconstructRun* run, int step, const std::set<int>& images)
+    : run_(*run), final_step_(run->store.final_step()) {
+  const std::set<StepOfImage> missing = MissingSteps(step, images);
+  std::set<int> worked_on = images;
+  for (const auto& [number, index] : missing) worked_on.insert(index);
+  size_t place = 0;
+  for (int index : worked_on) {
+    device_of_[index] = DeviceOfPlace(place++, worked_on.size(), static_cast<size_t>(run_.devices.size()));
+  }
   for (int device = 0; device < run_.devices.size(); ++device) {
     std::vector<DepthEstimator>& estimators = estimators_.emplace_back();
     for (int i = 0; i < run_.devices.NumEngines(device); ++i) {
       estimators.emplace_back(run_.devices.Engine(device, i).engine, run_.pipeline);
     }
   }
-  using LateFirst = std::pair<int, int>;  // -step, scene index
-  std::map<LateFirst, std::vector<LateFirst>> after;
-  for (const auto& [step, index] : steps) {
-    std::vector<LateFirst>& waits_for = after[{-step, index}];
-    if (step == 0) continue;
-    const ImagePlan& image = *run_.plan.Find(index);
-    run_.store.AddReaders(image, step - 1, 1);
-    for (int read : run_.plan.ImagesRead(image)) {
-      if (steps.count({step - 1, read}) > 0) waits_for.emplace_back(1 - step, read);
-    }
-  }
-  for (const auto& [late, index] : InOrder(after)) {
-    const ImagePlan& image = *run_.plan.Find(index);
-    const int device = run_.devices.DeviceOf(index);
-    const auto work = [this, step = -late, &image, device](int thread) {
-      DoStep(step, image, run_.devices.Engine(device, thread),
-             &estimators_.at(static_cast<size_t>(device)).at(static_cast<size_t>(thread)));
-    };
-    steps_[{-late, index}] = graph_.Add(Devices::EnginePool(device), StepsRead(-late - 1, image), work);
-  }
+  for (const auto& [number, index] : missing) AddStep(number, *run_.plan.Find(index));
 }
 
-std::set<StepOfImage> RunTasks::AddMissingSteps() {
-  std::set<int> all;
-  for (const ImagePlan& image : run_.plan.images) {
-    if (image.no_map.empty()) all.insert(image.index);
+/// @param read images whose estimates after the step are wanted
+std::set<RunTasks::StepOfImage> RunTasks::MissingSteps(int step, std::set<int> read) const {
+  std::set<StepOfImage> missing;
+  for (; step >= 0; --step) {
+    const std::vector<int> images(read.begin(), read.end());
+    std::vector<WorkFileState> files(images.size());
+    tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) {
+      run_.interrupt.Check();
+      files[i] = run_.store.FindFile({step, images[i]});
+    });
+    read.clear();
+    for (size_t i = 0; i < images.size(); ++i) {
+      if (files[i] == WorkFileState::kWhole) continue;
+      if (files[i] == WorkFileState::kDamaged) {
+        run_.progress.Warn(Concat("the work file ", run_.store.FileOf({step, images[i]}).string(),
+                                  " is damaged: its step of image ",
+                                  run_.scene.images[static_cast<size_t>(images[i])].name, " is computed again"));
+      }
+      missing.insert({step, images[i]});
+      for (int other : run_.plan.ImagesRead(*run_.plan.Find(images[i]))) read.insert(other);
+    }
   }
-  std::set<StepOfImage> steps = StepsToDo(run_.store.output(), run_.plan, run_.scene, final_step_, final_step_, all,
-                                          run_.interrupt, &run_.progress);
-  AddSteps(steps);
-  return steps;
+  return missing;
+}
+
+void RunTasks::AddStep(int step, const ImagePlan& image) {
+  if (step > 0) run_.store.AddReader(image, step - 1);
+  const int device = device_of_.at(image.index);
+  const auto work = [this, step, &image, device](int thread) {
+    DoStep(step, image, run_.devices.Engine(device, thread),
+           &estimators_.at(static_cast<size_t>(device)).at(static_cast<size_t>(thread)));
+  };
+  steps_[{step, image.index}] =
+      graph_.Add(Devices::EnginePool(device), final_step_ - step, StepsRead(step - 1, image), work);
 }
 
 std::vector<int> RunTasks::StepsRead(int step, const ImagePlan& image) const {
@@ -111,8 +114,6 @@ std::vector<int> RunTasks::StepsRead(int step, const ImagePlan& image) const {
   }
   return tasks;
 }
-
-std::vector<int> RunTasks::FinalStepsRead(const ImagePlan& image) const { return StepsRead(final_step_, image); }
 
 void RunTasks::DoStep(int step, const ImagePlan& image, const DeviceEngine& engine, DepthEstimator* estimator) {
   Timer timer;
@@ -138,46 +139,43 @@ void RunTasks::DoStep(int step, const ImagePlan& image, const DeviceEngine& engi
   run_.progress.Step();
 }
 
-int RunTasks::AddConfidence(const ImagePlan& image, std::function<void(ConfidenceMap)> take) {
-  run_.store.AddReaders(image, final_step_, 1);
-  const int device = run_.devices.DeviceOf(image.index);
-  const auto measure = [this, &image, device, take = std::move(take)](int thread) {
+int RunTasks::AddMaps(const ImagePlan& image, bool measure, std::function<void(FinalMaps)> take) {
+  run_.store.AddReader(image, final_step_);
+  const int device = device_of_.at(image.index);
+  const auto fetch = [this, &image, device, measure, take = std::move(take)](int thread) {
     const DeviceEngine engine = run_.devices.Engine(device, thread);
     const EngineProblem problem = run_.store.Problem(image, final_step_, engine);
     Timer timer;
-    ConfidenceMap confidence =
-        engine.engine->MeasureConfidence(problem.reference, problem.sources, run_.pipeline.fusion);
+    EstimateMaps maps = engine.engine->Download(problem.reference.estimate);
+    run_.Count(&RunTimes::keeping_ms, timer.Lap());
+    ConfidenceMap confidence;
+    if (measure) {
+      confidence = engine.engine->MeasureConfidence(problem.reference, problem.sources, run_.pipeline.fusion);
+    }
     run_.interrupt.Check();
     run_.store.HasRead(image, final_step_);
     run_.Count(&RunTimes::consistency_ms, timer.Lap());
-    take(std::move(confidence));
+    take({std::move(maps.depth), std::move(maps.normal), std::move(maps.cost), std::move(confidence)});
   };
-  return graph_.Add(Devices::EnginePool(device), FinalStepsRead(image), measure, true);
-}
-
-FusionStamps* RunTasks::stamps() {
-  if (!stamps_) stamps_ = run_.devices.FusionEngine(0).engine->MakeFusionStamps();
-  return stamps_.get();
+  return graph_.Add(Devices::EnginePool(device), kUrgent, StepsRead(final_step_, image), fetch);
 }
 
 int RunTasks::AddFusion(const ImagePlan& image, std::function<void(PointCloud)> take) {
   CheckRange("number of images to fuse", views_ + 1, 0, kMaxFusionViews);
-  run_.store.AddReaders(image, final_step_, 1);
-  std::vector<int> after = FinalStepsRead(image);
+  run_.store.AddReader(image, final_step_);
+  std::vector<int> after = StepsRead(final_step_, image);
   const std::vector<int> frames = run_.plan.ImagesRead(image);
   for (int frame : frames) {
     if (const auto last = last_fused_.find(frame); last != last_fused_.end()) after.push_back(last->second);
   }
-  const int device = run_.devices.DeviceOf(image.index);
-  stamps();
-  const auto points = std::make_shared<PointCloud>();
-  const auto fuse = [this, &image, device, rank = views_++, points](int) {
-    *points = Fuse(image, rank, run_.devices.FusionEngine(device));
+  const int device = device_of_.at(image.index);
+  if (!stamps_) stamps_ = run_.devices.FusionEngine(0).engine->MakeFusionStamps();
+  const auto fuse = [this, &image, device, rank = views_++, take = std::move(take)](int) {
+    take(Fuse(image, rank, run_.devices.FusionEngine(device)));
   };
-  const int fused = graph_.Add(run_.devices.FusionPool(device), after, fuse);
+  const int fused = graph_.Add(run_.devices.FusionPool(device), kUrgent, after, fuse);
   for (int frame : frames) last_fused_[frame] = fused;
-  return AddFileTask(
-      {fused}, [points, take = std::move(take)] { take(std::move(*points)); }, true);
+  return fused;
 }
 
 PointCloud RunTasks::Fuse(const ImagePlan& image, int rank, const DeviceEngine& engine) {
@@ -193,18 +191,8 @@ PointCloud RunTasks::Fuse(const ImagePlan& image, int rank, const DeviceEngine& 
   return cloud;
 }
 
-void RunTasks::SetFusedPixels(const Frame& frame, const Image<unsigned char>& used) {
-  run_.devices.FusionEngine(0).engine->SetFusedPixels(frame, used, stamps());
-  views_ = 1;
-}
-
-Image<unsigned char> RunTasks::FusedPixels(const Frame& frame) {
-  return run_.devices.FusionEngine(0).engine->FusedPixels(frame, stamps());
-}
-
 int RunTasks::AddFileTask(const std::vector<int>& after, std::function<void()> work, bool urgent) {
-  return graph_.Add(
-      Devices::kFilePool, after, [work = std::move(work)](int) { work(); }, urgent);
+  return graph_.Add(Devices::kFilePool, urgent ? kUrgent : 0, after, [work = std::move(work)](int) { work(); });
 }
 
 }  // namespace acmp

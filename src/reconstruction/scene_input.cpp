@@ -26,7 +26,7 @@ std::vector<int> PosedImages(const ReconstructPlan& plan, const Scene& scene) {
 }
 
 std::vector<PosedImage> WithSources(const std::vector<int>& indices, const ReconstructPlan& plan, const Scene& scene,
-                                    int max_size) {
+                                    const ReconstructOptions& options) {
   std::map<int, int> positions;
   for (int index : indices) positions.emplace(index, static_cast<int>(positions.size()));
   std::vector<PosedImage> images;
@@ -35,9 +35,7 @@ std::vector<PosedImage> WithSources(const std::vector<int>& indices, const Recon
     const SceneImage& image = scene.images[static_cast<size_t>(planned.index)];
     PosedImage posed;
     posed.id = planned.index;
-    int width = image.camera.width, height = image.camera.height;
-    LimitSize(max_size, &width, &height);
-    posed.camera = image.camera.Resized(width, height);
+    posed.camera = MatchedCamera(image, options);
     posed.cam_from_world = image.cam_from_world;
     posed.depth_range = planned.range;
     for (int source : planned.sources) {
@@ -240,7 +238,7 @@ std::optional<Lens> RefineScenePoses(const ReconstructPlan& plan, const Reconstr
   };
   const auto can_be_freed = [&](int index) { return CanBeFreed(scene->images[static_cast<size_t>(index)]); };
   const bool frees = std::all_of(indices.begin(), indices.end(), can_be_freed);
-  const PoseRefinement refinement = RefineImagePoses(WithSources(indices, plan, *scene, options.max_image_size), load,
+  const PoseRefinement refinement = RefineImagePoses(WithSources(indices, plan, *scene, options), load,
                                                      options.pose_refinement, frees, [&] { interrupt.Check(); });
   const SceneImage first = scene->images[static_cast<size_t>(plan.images.front().index)];
   std::optional<Lens> found;

@@ -11,7 +11,6 @@
 #include "plan.h"
 #include "run.h"
 #include "stages.h"
-#include "task_graph.h"
 #include "work_files.h"
 
 namespace acmp {
@@ -29,118 +28,111 @@ std::string RelativePath(const std::filesystem::path& path, const std::filesyste
   return relative.empty() || *relative.begin() == ".." ? path.string() : relative.string();
 }
 
-Json ToJson(const PinholeCamera& c) { return {c.width, c.height, c.fx, c.fy, c.cx, c.cy}; }
+// Values of the plan's file: Put writes one, Take reads it.
 
-PinholeCamera CameraOf(const Json& json) {
-  return {json.at(0), json.at(1), json.at(2), json.at(3), json.at(4), json.at(5)};
+template <class T>
+Json Put(const T& value) {
+  return value;
+}
+template <class T>
+void Take(const Json& json, T* value) {
+  *value = json.get<T>();
+}
+Json Put(const std::filesystem::path& path) { return path.string(); }
+void Take(const Json& json, std::filesystem::path* path) { *path = json.get<std::string>(); }
+template <int rows, int cols>
+Json Put(const Eigen::Matrix<double, rows, cols>& matrix) {
+  return std::vector<double>(matrix.data(), matrix.data() + matrix.size());
+}
+template <int rows, int cols>
+void Take(const Json& json, Eigen::Matrix<double, rows, cols>* matrix) {
+  const auto numbers = json.get<std::vector<double>>();
+  if (numbers.size() != static_cast<size_t>(matrix->size())) throw ProcessingError("the plan's file has another form");
+  std::copy(numbers.begin(), numbers.end(), matrix->data());
+}
+Json Put(const PinholeCamera& c) { return {c.width, c.height, c.fx, c.fy, c.cx, c.cy}; }
+void Take(const Json& json, PinholeCamera* camera) {
+  *camera = {json.at(0), json.at(1), json.at(2), json.at(3), json.at(4), json.at(5)};
+}
+Json Put(const std::optional<FaceOfImage>& face) {
+  return face ? Json{Put(face->file_camera), Put(face->lens_from_face)} : Json();
+}
+void Take(const Json& json, std::optional<FaceOfImage>* face) {
+  if (json.is_null()) return;
+  Take(json.at(0), &face->emplace().file_camera);
+  Take(json.at(1), &(*face)->lens_from_face);
 }
 
-Json ToJson(const SceneImage& image, const std::filesystem::path& root) {
-  const double* pose = image.cam_from_world.matrix().data();
-  const double* placed = image.placed_from_world.matrix().data();
-  const ReadoutMotion& readout = image.readout;
-  Json json = {{"name", image.name},
-               {"path", RelativePath(image.path, root)},
-               {"mask", image.mask.string()},
-               {"prior_depth", image.prior_depth.string()},
-               {"camera", ToJson(image.camera)},
-               {"distortion", static_cast<int>(image.distortion.model)},
-               {"coefficients", image.distortion.coefficients},
-               {"field_of_view", image.field_of_view},
-               {"turn", std::vector<double>(readout.turn.begin(), readout.turn.end())},
-               {"move", std::vector<double>(readout.move.begin(), readout.move.end())},
-               {"pose", std::vector<double>(pose, pose + 16)},
-               {"placed", std::vector<double>(placed, placed + 16)}};
-  if (!image.face) return json;
-  const double* rotation = image.face->lens_from_face.data();
-  json["face"] = {{"file_camera", ToJson(image.face->file_camera)},
-                  {"rotation", std::vector<double>(rotation, rotation + 9)}};
-  return json;
-}
-
-SceneImage ImageOf(const Json& json, const std::filesystem::path& root) {
-  SceneImage image;
-  image.name = json.at("name").get<std::string>();
-  image.path = root / json.at("path").get<std::string>();
-  image.mask = json.at("mask").get<std::string>();
-  image.prior_depth = json.at("prior_depth").get<std::string>();
-  image.camera = CameraOf(json.at("camera"));
-  image.distortion.model = static_cast<LensDistortion::Model>(json.at("distortion").get<int>());
-  image.distortion.coefficients = json.at("coefficients").get<std::vector<double>>();
-  image.field_of_view = json.at("field_of_view");
-  if (json.contains("face")) {
-    const Json& face = json.at("face");
-    image.face.emplace().file_camera = CameraOf(face.at("file_camera"));
-    const std::vector<double> rotation = face.at("rotation").get<std::vector<double>>();
-    std::copy_n(rotation.begin(), 9, image.face->lens_from_face.data());
-  }
-  image.readout.turn = Eigen::Vector3d(json.at("turn").at(0), json.at("turn").at(1), json.at("turn").at(2));
-  image.readout.move = Eigen::Vector3d(json.at("move").at(0), json.at("move").at(1), json.at("move").at(2));
-  const std::vector<double> pose = json.at("pose").get<std::vector<double>>();
-  std::copy_n(pose.begin(), 16, image.cam_from_world.matrix().data());
-  const std::vector<double> placed = json.at("placed").get<std::vector<double>>();
-  std::copy_n(placed.begin(), 16, image.placed_from_world.matrix().data());
-  return image;
+/// visit(name, value) for all that the plan's file has of an image.
+/// @param path relative to the scene's root
+/// @param files HashOfFiles
+template <class Image, class Plan, class Path, class Hash, class Visit>
+void VisitImage(Image* image, Plan* plan, Path* path, Hash* files, const Visit& visit) {
+  visit("index", &plan->index);
+  visit("near", &plan->range.min);
+  visit("far", &plan->range.max);
+  visit("sources", &plan->sources);
+  visit("no_map", &plan->no_map);
+  visit("files", files);
+  visit("name", &image->name);
+  visit("path", path);
+  visit("mask", &image->mask);
+  visit("prior_depth", &image->prior_depth);
+  visit("camera", &image->camera);
+  visit("distortion", &image->distortion.model);
+  visit("coefficients", &image->distortion.coefficients);
+  visit("field_of_view", &image->field_of_view);
+  visit("face", &image->face);
+  visit("turn", &image->readout.turn);
+  visit("move", &image->readout.move);
+  visit("pose", &image->cam_from_world.matrix());
+  visit("placed", &image->placed_from_world.matrix());
 }
 
 /// The content of the plan's file.
 /// @param files HashOfFiles of each image of the plan
 std::string FormatPlan(const Scene& scene, const ReconstructPlan& plan, const std::vector<uint64_t>& files,
                        const std::filesystem::path& root) {
-  Json json = {{"origin", {plan.origin.x(), plan.origin.y(), plan.origin.z()}}, {"images", Json::array()}};
+  Json json = {{"origin", Put(plan.origin)}, {"images", Json::array()}};
   for (size_t i = 0; i < plan.images.size(); ++i) {
-    const ImagePlan& planned = plan.images[i];
-    Json view = ToJson(scene.images[static_cast<size_t>(planned.index)], root);
-    view.update({{"index", planned.index},
-                 {"range", {planned.range.min, planned.range.max}},
-                 {"sources", planned.sources},
-                 {"no_map", planned.no_map},
-                 {"files", files[i]}});
+    const SceneImage& image = scene.images[static_cast<size_t>(plan.images[i].index)];
+    const std::string path = RelativePath(image.path, root);
+    Json view;
+    VisitImage(&image, &plan.images[i], &path, &files[i],
+               [&](const char* name, const auto* value) { view[name] = Put(*value); });
     json["images"].push_back(std::move(view));
   }
   return json.dump();
 }
 
-/// The tasks in the order in which one process would do what is ready: late stages first, so that chunks are finished
-/// early.
-Json ListOfTasks(const std::map<int, Chunk>& chunks, const ReconstructOptions& options) {
-  using Task = std::pair<int, int>;  // -place of the stage among StagesOfChunk, chunk
-  const std::vector<std::string> stages = StagesOfChunk(options);
-  const int steps = static_cast<int>(std::find(stages.begin(), stages.end(), "final") - stages.begin()) + 1;
-  std::map<Task, std::vector<Task>> after;
-  for (const auto& [number, chunk] : chunks) {
-    std::set<int> reads, fused_before;  // chunks
-    for (int index : chunk.reads) reads.insert(index / options.chunk_images);
-    for (const auto& [view, before] : chunk.fused_before) fused_before.insert(before);
-    for (int stage = 0; stage < static_cast<int>(stages.size()); ++stage) {
-      std::vector<Task>& waits_for = after[{-stage, number}];
-      for (int read : stage > 0 ? reads : std::set<int>()) waits_for.emplace_back(1 - std::min(stage, steps), read);
-      if (stages[static_cast<size_t>(stage)] != kFuseStage) continue;
-      for (int before : fused_before) waits_for.emplace_back(-stage, before);
+/// The tasks, stage by stage.
+Json ListOfTasks(const ReconstructPlan& plan, const ReconstructOptions& options) {
+  struct Chunk {
+    int first = 0, last = 0;  // scene indices
+    std::set<int> reads;      // chunks whose estimates its own ones are made of
+  };
+  std::map<int, Chunk> chunks;
+  for (const ImagePlan& image : plan.images) {
+    Chunk& chunk = chunks.try_emplace(image.index / options.chunk_images, Chunk{image.index, 0, {}}).first->second;
+    chunk.last = image.index;
+    if (!image.no_map.empty()) continue;
+    for (int read : plan.ImagesRead(image)) chunk.reads.insert(read / options.chunk_images);
+  }
+  Json list = Json::array(), last = Json::array();
+  std::map<int, int> before, now;  // numbers of the tasks of a stage, by chunk
+  for (const std::string& stage : StagesOfChunk(options)) {
+    last = Json::array();
+    for (const auto& [number, chunk] : chunks) {
+      Json after = Json::array();
+      for (int read : before.empty() ? std::set<int>() : chunk.reads) after.push_back(before.at(read));
+      now[number] = static_cast<int>(list.size());
+      last.push_back(list.size());
+      list.push_back({{"stage", stage}, {"images", Concat(chunk.first, "-", chunk.last)}, {"after", after}});
     }
+    before = now;
   }
-  Json list = Json::array();
-  std::map<Task, int> numbers;
-  std::vector<int> before_finish;
-  for (const Task& task : InOrder(after)) {
-    const std::string& stage = stages[static_cast<size_t>(-task.first)];
-    const int number = numbers[task] = static_cast<int>(list.size());
-    if (stage == kMapsStage || stage == kFuseStage) before_finish.push_back(number);
-    Json others = Json::array();
-    for (const Task& other : after.at(task)) others.push_back(numbers.at(other));
-    const std::vector<const ImagePlan*>& images = chunks.at(task.second).images;
-    list.push_back(
-        {{"stage", stage}, {"images", Concat(images.front()->index, "-", images.back()->index)}, {"after", others}});
-  }
-  list.push_back({{"stage", kFinishStage}, {"images", ""}, {"after", before_finish}});
+  list.push_back({{"stage", kFinishStage}, {"images", ""}, {"after", last}});
   return list;
-}
-
-/// Whether a finished run with these settings and this input is there.
-bool IsComplete(const ReconstructOptions& options, const RunRecord& record) {
-  if (options.overwrite || !OutputFolder::Exists(options.output)) return false;
-  const OutputFolder folder(options.output, record, false, OutputFolder::Use::kStages);
-  return folder.state() == OutputFolder::State::kComplete && folder.Setting(kChunkImagesKey) == "(none)";
 }
 
 }  // namespace
@@ -150,7 +142,6 @@ std::vector<std::string> StagesOfChunk(const ReconstructOptions& options) {
   std::vector<std::string> stages;
   for (int step = 0; step <= final_step; ++step) stages.push_back(EngineStore::StepName(step, final_step));
   if (!options.maps.empty()) stages.emplace_back(kMapsStage);
-  stages.emplace_back(kFuseStage);
   return stages;
 }
 
@@ -160,44 +151,22 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
   const std::vector<uint64_t> files = HashFiles(scene, plan.Indices(), interrupt, [&](int index) {
     if (!plan.HasMap(index)) frames->Get(index);
   });
-  RunRecord record = MakeRecord(options, "", InputHash(scene, plan.Indices(), files));
-  const bool complete = IsComplete(options, record);
-  Json tasks = Json::array();
-  if (!complete) {
-    record.emplace_back(kChunkImagesKey, Concat(options.chunk_images));
-    const OutputFolder folder(options.output, record, options.overwrite, OutputFolder::Use::kStages);
-    const std::string content = FormatPlan(scene, plan, files, options.scene);
-    if (ReadWorkFile(PlanFile(options.output)) != content) WriteWorkFile(PlanFile(options.output), content);
-    tasks = ListOfTasks(CutIntoChunks(plan, options.chunk_images), options);
+  const RunRecord record = MakeRecord(options, "", InputHash(scene, plan.Indices(), files));
+  const OutputFolder folder(options.output, record, options.overwrite, OutputFolder::Use::kStages);
+  const bool complete = folder.state() == OutputFolder::State::kComplete;
+  if (!complete && folder.Setting(kDeviceKey) != "(none)" && !std::filesystem::exists(PlanFile(options.output))) {
+    throw InvalidInputError(Concat(options.output.string(),
+                                   ": holds an interrupted run of one process: the same command ",
+                                   "without --plan goes on, --overwrite starts afresh"));
   }
-  const size_t count = tasks.size();
-  WriteFileAtomically(options.plan, Json({{"complete", complete}, {"tasks", std::move(tasks)}}).dump() + "\n");
-  if (complete) {
-    return ReportComplete(OutputFolder(options.output, {}, false, OutputFolder::Use::kStages),
-                          Concat(options.plan.string(), ": ", options.output.string(), " is already complete"),
-                          options.quiet, out);
-  }
+  const Json tasks = complete ? Json::array() : ListOfTasks(plan, options);
+  WriteFileAtomically(options.plan, Json({{"complete", complete}, {"tasks", tasks}}).dump() + "\n");
+  if (complete) return ReportComplete(folder, options.plan.string() + ": ", options, out);
+  const std::string content = FormatPlan(scene, plan, files, options.scene);
+  if (ReadWorkFile(PlanFile(options.output)) != content) WriteWorkFile(PlanFile(options.output), content);
   if (options.quiet) return;
-  *out << options.plan.string() << ": " << count << " tasks for " << plan.images.size() << " images in chunks of "
-       << options.chunk_images << std::endl;
-}
-
-std::map<int, Chunk> CutIntoChunks(const ReconstructPlan& plan, int chunk_images) {
-  std::map<int, Chunk> chunks;
-  for (const ImagePlan& image : plan.images) {
-    Chunk& chunk = chunks[image.index / chunk_images];
-    chunk.images.push_back(&image);
-    if (!image.no_map.empty()) continue;
-    for (int read : plan.ImagesRead(image)) chunk.reads.insert(read);
-  }
-  std::map<int, int> last_chunk;  // whose points use pixels of a view, by scene index
-  for (auto& [number, chunk] : chunks) {
-    for (int index : chunk.reads) {
-      if (const auto last = last_chunk.find(index); last != last_chunk.end()) chunk.fused_before.insert(*last);
-      last_chunk[index] = number;
-    }
-  }
-  return chunks;
+  *out << options.plan.string() << ": " << tasks.size() << " tasks for " << plan.images.size()
+       << " images in chunks of " << options.chunk_images << std::endl;
 }
 
 PlannedScene::PlannedScene(const ReconstructOptions& options)
@@ -205,20 +174,19 @@ PlannedScene::PlannedScene(const ReconstructOptions& options)
   const std::optional<std::string> content = ReadWorkFile(PlanFile(options.output));
   if (!content) throw InvalidInputError(Concat(options.output.string(), ": has no plan: give --plan first"));
   const Json json = Json::parse(*content);
-  const std::vector<double> origin = json.at("origin").get<std::vector<double>>();
-  std::copy_n(origin.begin(), 3, plan.origin.data());
+  Take(json.at("origin"), &plan.origin);
   for (const Json& view : json.at("images")) {
-    const Json& range = view.at("range");
-    plan.images.push_back({view.at("index").get<int>(),
-                           {range.at(0).get<float>(), range.at(1).get<float>()},
-                           view.at("sources").get<std::vector<int>>(),
-                           view.at("no_map").get<std::string>()});
+    SceneImage image;
+    uint64_t hash = 0;
+    std::string path;
+    VisitImage(&image, &plan.images.emplace_back(), &path, &hash,
+               [&](const char* name, auto* value) { Take(view.at(name), value); });
+    image.path = options.scene / path;
     const int index = plan.images.back().index;
+    files[index] = hash;
     scene.images.resize(static_cast<size_t>(index) + 1);
-    scene.images.back() = ImageOf(view, options.scene);
-    files[index] = view.at("files").get<uint64_t>();
+    scene.images.back() = std::move(image);
   }
-  chunks = CutIntoChunks(plan, options.chunk_images);
 }
 
 }  // namespace acmp

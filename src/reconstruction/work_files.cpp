@@ -20,7 +20,7 @@ static_assert(std::is_trivially_copyable_v<SurfacePoint>, "files have points as 
 constexpr size_t kReadAtOnce = size_t{1} << 18;
 
 struct WorkHeader {
-  uint32_t magic = 0x364b5257;  // "WRK6"
+  uint32_t magic = 0x374b5257;  // "WRK7"
   uint32_t checksum = 0;        ///< of the content
   uint64_t bytes = 0;           ///< of the content
 };
@@ -162,16 +162,5 @@ void WritePoints(const std::filesystem::path& path, const PointCloud& cloud) {
 }
 
 std::optional<PointCloud> ReadPoints(const std::filesystem::path& path) { return ReadContent<PointCloud>(path); }
-
-std::optional<uint32_t> ChecksumOfFile(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) return std::nullopt;
-  std::vector<char> block(kReadAtOnce);
-  uint32_t checksum = 0;
-  while (file.read(block.data(), static_cast<std::streamsize>(block.size())) || file.gcount() > 0) {
-    checksum = AddToChecksum(checksum, block.data(), static_cast<size_t>(file.gcount()));
-  }
-  return checksum;
-}
 
 }  // namespace acmp

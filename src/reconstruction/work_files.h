@@ -1,6 +1,5 @@
 #pragma once
 
-#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -36,7 +35,7 @@ struct FinalMaps {
   DepthMap depth;
   NormalMap normal;
   CostMap cost;
-  ConfidenceMap confidence;  ///< empty: measured later against the source views' maps
+  ConfidenceMap confidence;  ///< may be empty
 };
 void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps);
 /// Throws ProcessingError when the file is damaged.
@@ -45,8 +44,5 @@ FinalMaps ReadFinalMaps(const std::filesystem::path& path);
 void WritePoints(const std::filesystem::path& path, const PointCloud& cloud);
 /// Nothing where the file is missing or damaged.
 std::optional<PointCloud> ReadPoints(const std::filesystem::path& path);
-
-/// CRC-32 of any file's content; nothing where it cannot be read.
-std::optional<uint32_t> ChecksumOfFile(const std::filesystem::path& path);
 
 }  // namespace acmp

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <iomanip>
 #include <iostream>
+#include <utility>
 
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
@@ -43,41 +44,32 @@ ImageSize ParseSize(const std::string& text) {
 
 std::string Name(const ImageSize& size) { return Concat(size.width, "x", size.height); }
 
-void PrintStages(const StageFigures& row) {
-  const StageMs& ms = row.median;
-  const double pixels = static_cast<double>(row.size.width) * row.size.height;
-  std::cout << std::setw(10) << Name(row.size) << std::setw(4) << row.source_views << std::setw(13) << ms.photometric
-            << std::setw(14) << ms.planar_prior << std::setw(18) << ms.geometric << std::setw(9)
-            << ms.photometric + ms.planar_prior + ms.geometric << std::setw(15) << ms.triangulation << std::setw(10)
-            << ms.load << std::setw(10) << ms.download << std::setw(13) << ms.consistency << std::setw(10) << ms.fast
-            << std::setw(10) << ms.whole << std::setw(7) << std::setprecision(0)
-            << static_cast<double>(row.device_bytes) / pixels << std::setprecision(2) << std::endl;
+/// A row of a table, with its head first. Each column is as wide as its title.
+void PrintRow(const std::string& size, int source_views, const Figures& figures, bool with_head) {
+  const auto width = [](const std::string& title) { return static_cast<int>(std::max<size_t>(title.size(), 8)) + 2; };
+  if (with_head) {
+    std::cout << std::setw(10) << "size" << std::setw(4) << "V";
+    for (const auto& [title, value] : figures) std::cout << std::setw(width(title)) << title;
+    std::cout << "\n";
+  }
+  std::cout << std::setw(10) << size << std::setw(4) << source_views;
+  for (const auto& [title, value] : figures) std::cout << std::setw(width(title)) << value;
+  std::cout << std::endl;
 }
 
-void PrintStream(const StreamFigures& row) {
-  const auto megabytes = [](size_t bytes) { return static_cast<double>(bytes) * 1e-6; };
-  std::cout << std::setw(10) << Name(row.size) << std::setw(4) << row.source_views << std::setw(11) << row.keyframes
-            << std::setw(15) << row.fast_median << std::setw(6) << row.fast_99 << std::setw(18) << row.refined_median
-            << std::setw(6) << row.refined_99 << std::setw(9) << row.device_median << std::setw(14)
-            << row.keyframes_per_s << std::setprecision(1) << std::setw(18) << megabytes(row.device_bytes_begin)
-            << std::setw(7) << megabytes(row.device_bytes_end) << std::setw(17) << megabytes(row.host_bytes_begin)
-            << std::setw(7) << megabytes(row.host_bytes_end) << std::setprecision(2) << std::endl;
-}
-
-void PrintExpected(const std::vector<ExpectedRates>& expected) {
-  const StreamFigures& first = expected.front().measured;
-  std::cout << "keyframes per second that the online mapper keeps up with, " << first.source_views
+/// @param size,keyframes,source_views of what was measured
+void PrintExpected(const std::vector<ExpectedRates>& expected, const ImageSize& size, int keyframes, int source_views) {
+  std::cout << "keyframes per second that the online mapper keeps up with, " << source_views
             << " source views, 4:3 images\n"
-            << "  measured: at " << Name(first.size) << ", " << first.keyframes
+            << "  measured: at " << Name(size) << ", " << keyframes
             << " keyframes with exact poses; what refine_poses takes is not in it\n"
             << "  computed: all other sizes, as the time grows with the number of pixels (within a fifth)\n"
-            << std::left << std::setw(18) << "preset" << std::right << std::setw(18) << Name(first.size) + " measured";
-  for (const auto& [size, rate] : expected.front().computed_rates) std::cout << std::setw(10) << Name(size);
+            << std::left << std::setw(18) << "preset" << std::right << std::setw(18) << Name(size) + " measured";
+  for (const auto& [other, rate] : expected.front().computed) std::cout << std::setw(10) << Name(other);
   std::cout << "\n" << std::setprecision(3) << std::defaultfloat;
   for (const ExpectedRates& row : expected) {
-    std::cout << std::left << std::setw(18) << row.preset << std::right << std::setw(18)
-              << row.measured.keyframes_per_s;
-    for (const auto& [size, rate] : row.computed_rates) std::cout << std::setw(10) << rate;
+    std::cout << std::left << std::setw(18) << row.preset << std::right << std::setw(18) << row.measured;
+    for (const auto& [other, rate] : row.computed) std::cout << std::setw(10) << rate;
     std::cout << "\n";
   }
 }
@@ -97,25 +89,24 @@ void MeasureSizes(const BenchmarkArguments& arguments, DepthEngine* engine) {
   for (const std::string& assignment : arguments.set) OptionsOf(&options).Set(assignment);
   Validate(options);
   if (arguments.keyframes > 0) {
-    std::cout << "online mapper, preset " << arguments.preset << ", ms\n"
-              << "      size   V  keyframes   fast: median  99 %   refined: median  99 %   device   keyframes/s   "
-                 "MB device: begin  end   MB host: begin  end\n";
+    std::cout << "online mapper, preset " << arguments.preset << ", " << arguments.keyframes << " keyframes, ms\n";
   } else {
     std::cout << "medians of " << arguments.repetitions << " runs after one warm-up, ms per image, preset "
-              << arguments.preset << "\n"
-              << "      size   V  photometric  planar prior  geometric passes  kernels  triangulation      load  "
-                 "download  consistency      fast     whole   B/px\n";
+              << arguments.preset << "\n";
   }
+  bool is_first = true;
   for (const std::string& text : arguments.sizes) {
     const ImageSize size = ParseSize(text);
     for (int source_views : arguments.source_views) {
+      Figures figures;
       if (arguments.keyframes == 0) {
-        PrintStages(MeasureStages(engine, options, size, source_views, arguments.repetitions));
-        continue;
+        figures = MeasureStages(engine, options, size, source_views, arguments.repetitions);
+      } else {
+        DenseMapperOptions stream = StreamOptions(arguments, source_views);
+        stream.pipeline = options;
+        figures = MeasureStream(engine, stream, size, arguments.keyframes);
       }
-      DenseMapperOptions stream = StreamOptions(arguments, source_views);
-      stream.pipeline = options;
-      PrintStream(MeasureStream(engine, stream, size, arguments.keyframes));
+      PrintRow(text, source_views, figures, std::exchange(is_first, false));
     }
   }
 }
@@ -141,7 +132,8 @@ void RunBenchmark(BenchmarkArguments arguments) {
     // Small enough for a short run, and large enough for its pixels to be what takes the time.
     const ImageSize size = is_gpu ? ImageSize{640, 480} : ImageSize{64, 48};
     const int keyframes = is_gpu ? 100 : 2 * source_views;
-    PrintExpected(MeasureExpectedRates(engine, StreamOptions(arguments, source_views), size, keyframes));
+    PrintExpected(MeasureExpectedRates(engine, StreamOptions(arguments, source_views), size, keyframes), size,
+                  keyframes, source_views);
   } else if (arguments.auto_interval_s > 0) {
     const ImageSize size = ParseSize(arguments.sizes.front());
     for (const std::string& choice :
@@ -177,19 +169,11 @@ int main(int argc, char** argv) {
   app.add_option("--keyframes", arguments.keyframes, "Length of the stream; 0: stages")
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
-  const acmp::OptionList stream_options = acmp::OptionsOf(&arguments.stream);
   app.add_option("--window-size", arguments.stream.window_size,
-                 "Of the stream: " + stream_options.Find("window_size").sentence)
+                 "Of the stream: " + acmp::OptionsOf(&arguments.stream).Find("window_size").sentence)
       ->check(CLI::Range(2, acmp::kMaxWindowSize))
       ->capture_default_str();
-  app.add_option("--refine-again", arguments.stream.refine_again,
-                 "Of the stream: " + stream_options.Find("refine_again").sentence)
-      ->capture_default_str();
-  const acmp::Option& refine_poses = stream_options.Find("refine_poses");
   arguments.stream.poses.refine = acmp::RefinePoses::kOff;  // the stream's are exact
-  app.add_option_function<std::string>("--refine-poses", refine_poses.set, "Of the stream: " + refine_poses.sentence)
-      ->check(CLI::IsMember(refine_poses.choices))
-      ->default_str("off");
   app.add_option("--preset", arguments.preset, "Preset, see docs/algorithm.md")
       ->check(CLI::IsMember(acmp::PresetNames()))
       ->capture_default_str();

@@ -1,6 +1,5 @@
 // acmp_reconstruct: depth, normal and cost maps and a fused point cloud of a posed image set.
 
-#include <poll.h>
 #include <signal.h>
 #include <tbb/global_control.h>
 #include <unistd.h>
@@ -12,13 +11,14 @@
 #include <string>
 #include <string_view>
 #include <thread>
-#include <utility>
 
 #include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/reconstruction/reconstruct.h"
 #include "tool_main.h"
 
 namespace {
+
+constexpr char kGoesOn[] = "the same command goes on from here\n";
 
 /// SIGINT, SIGTERM and SIGHUP request the stop. A second signal ends the process at once. Make it before any other
 /// thread starts: they inherit the blocked signals.
@@ -37,16 +37,27 @@ class InterruptWatcher : public acmp::StopRequest {
     pthread_sigmask(SIG_SETMASK, &previous_signals_, nullptr);
   }
 
+  /// While the process waits for its next task, which nothing can interrupt, a signal ends it at once.
+  void SetWaiting(bool waiting) {
+    waiting_ = waiting;
+    Check();  // of a signal that came before
+  }
+
  private:
   void Watch() {
     for (int signal = 0; sigwait(&signals_, &signal) == 0 && !stopping_;) {
-      if (requested()) {
+      const bool again = requested();
+      Request();
+      if (waiting_) {
+        Say(std::string("acmp_reconstruct: interrupted; ") + kGoesOn);
+        _exit(acmp::kExitFailed);
+      }
+      if (again) {
         // Files are whole or absent at any time, so stopping dead loses nothing but the step at hand.
         Say("\nstopped at once\n");
-        _exit(1);
+        _exit(acmp::kExitFailed);
       }
       Say("\nstopping (press Ctrl-C again to stop at once) ...\n");
-      Request();
     }
   }
   static void Say(std::string_view text) {
@@ -54,49 +65,25 @@ class InterruptWatcher : public acmp::StopRequest {
   }
 
   sigset_t signals_, previous_signals_;
-  std::atomic<bool> stopping_{false};
+  std::atomic<bool> stopping_{false}, waiting_{false};
   std::thread watcher_;
 };
 
-/// Lines of standard input as they come.
-class InputLines {
- public:
-  explicit InputLines(const acmp::StopRequest* interrupt) : interrupt_(*interrupt) {}
-
-  /// The next line without its end; one at the end of the input need not have one. Nothing at the end, or when it
-  /// cannot be read. Throws Interrupted while it waits, InvalidInputError for a line that no stage and images take.
-  std::optional<std::string> Next() {
-    constexpr int kCheckMs = 200;
-    constexpr size_t kMaxLine = 100000;  // characters
-    for (;;) {
-      if (const size_t end = read_.find('\n'); end != std::string::npos) {
-        std::string line = read_.substr(0, end);
-        read_.erase(0, end + 1);
-        return line;
-      }
-      if (ended_) {
-        if (read_.empty()) return std::nullopt;
-        return std::exchange(read_, {});
-      }
-      if (read_.size() > kMaxLine) {
-        throw acmp::InvalidInputError(acmp::Concat("--stages: a line has more than ", kMaxLine,
-                                                   " characters: must be STAGE IMAGES, as step_0 0-15, or finish"));
-      }
-      interrupt_.Check();
-      pollfd input = {STDIN_FILENO, POLLIN, 0};
-      if (poll(&input, 1, kCheckMs) <= 0) continue;
-      std::array<char, 4096> block;
-      const ssize_t bytes = read(STDIN_FILENO, block.data(), block.size());
-      if (bytes > 0) read_.append(block.data(), static_cast<size_t>(bytes));
-      ended_ = bytes <= 0;
-    }
+/// The next line of standard input without its end; nothing at the end, or when it cannot be read. A stop ends the
+/// process while it waits. Throws InvalidInputError for a line that no stage and images take.
+std::optional<std::string> ReadLine(InterruptWatcher* interrupt) {
+  constexpr size_t kMaxLine = 100000;  // characters
+  std::array<char, kMaxLine + 1> line;
+  interrupt->SetWaiting(true);
+  std::cin.getline(line.data(), line.size());
+  interrupt->SetWaiting(false);
+  if (std::cin.fail() && std::cin.gcount() > 0) {
+    throw acmp::InvalidInputError(acmp::Concat("--stages: a line has more than ", kMaxLine,
+                                               " characters: must be STAGE IMAGES, as step_0 0-15, or finish"));
   }
-
- private:
-  const acmp::StopRequest& interrupt_;
-  std::string read_;  ///< and not handed out
-  bool ended_ = false;
-};
+  if (!std::cin) return std::nullopt;
+  return line.data();
+}
 
 int RunReconstruct(const acmp::ReconstructOptions& options, InterruptWatcher* interrupt) {
   std::optional<tbb::global_control> threads;
@@ -108,13 +95,11 @@ int RunReconstruct(const acmp::ReconstructOptions& options, InterruptWatcher* in
   try {
     interrupt->RunCancellable([&] {
       if (!options.stages) return acmp::Reconstruct(options, context);
-      InputLines lines(interrupt);
-      all_done = acmp::ReconstructStages(options, context, [&] { return lines.Next(); });
+      all_done = acmp::ReconstructStages(options, context, [&] { return ReadLine(interrupt); });
     });
     interrupt->Check();
   } catch (const acmp::Interrupted&) {
-    std::cerr << "acmp_reconstruct: interrupted; the same command "
-              << (options.online() ? "starts anew" : "goes on from here") << "\n";
+    std::cerr << "acmp_reconstruct: interrupted; " << (options.online() ? "the same command starts anew\n" : kGoesOn);
     return acmp::kExitFailed;
   }
   return all_done ? acmp::kExitDone : acmp::kExitFailed;

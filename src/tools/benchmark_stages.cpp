@@ -118,42 +118,48 @@ size_t HostBytes() {
   return resident * static_cast<size_t>(sysconf(_SC_PAGESIZE));
 }
 
-StageMs RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOptions& options, EngineProblem problem,
+/// Of the stages, as they are done once.
+Figures RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOptions& options, EngineProblem problem,
                   const FramePtr& frame) {
-  StageMs run;
   Timer whole, stage;
   problem.reference.image = engine->Load(frame, options.start_level);
-  run.load = stage.Lap();
+  const double load = stage.Lap();
   const EngineEstimatePtr estimate = estimator->Run(estimator->schedule().front(), problem);
-  const StageTimes& initial = estimator->last_times();
-  run.photometric = initial.photometric_kernels_ms;
-  run.triangulation = initial.prior_construction_ms;
-  run.planar_prior = initial.kernels_ms - initial.photometric_kernels_ms;
+  const StageTimes initial = estimator->last_times();
   engine->DownloadDepth(estimate);
-  run.fast = whole.Elapsed();
+  const double fast = whole.Elapsed();
   for (EngineView& source : problem.sources) source.estimate = estimate;
   problem.reference.estimate = estimate;
+  double geometric = 0;
   for (size_t step = 1; step < estimator->schedule().size(); ++step) {
     problem.reference.estimate = estimator->Run(estimator->schedule()[step], problem);
     // The sources' maps must be of the scale that is matched.
     if (estimator->schedule()[step].kind == KeyframeStep::Kind::kNextScale) {
       for (EngineView& source : problem.sources) source.estimate = problem.reference.estimate;
     }
-    run.geometric += estimator->last_times().kernels_ms;
+    geometric += estimator->last_times().kernels_ms;
   }
   stage.Lap();
   engine->Download(problem.reference.estimate);
-  run.download = stage.Lap();
+  const double download = stage.Lap();
   engine->FilterByConsistency(problem.reference, problem.sources, options.fusion);
-  run.consistency = stage.Lap();
-  run.whole = whole.Elapsed();
-  return run;
+  const double consistency = stage.Lap();
+  return {{"photometric", initial.photometric_kernels_ms},
+          {"planar prior", initial.kernels_ms - initial.photometric_kernels_ms},
+          {"geometric passes", geometric},
+          {"kernels", initial.kernels_ms + geometric},
+          {"triangulation", initial.prior_construction_ms},
+          {"load", load},
+          {"download", download},
+          {"consistency", consistency},
+          {"fast", fast},
+          {"whole", whole.Elapsed()}};
 }
 
 }  // namespace
 
-StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
-                           int repetitions) {
+Figures MeasureStages(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
+                      int repetitions) {
   const std::vector<FramePtr> frames = MakeFrames(size, {}, source_views);
   EngineProblem problem;
   problem.reference.frame = frames[0];
@@ -163,32 +169,19 @@ StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, 
     problem.sources.push_back({frame, engine->Load(frame, options.start_level), nullptr});
   }
   DepthEstimator estimator(engine, options);
-  std::vector<StageMs> runs;
-  for (int i = 0; i <= repetitions; ++i) {
-    const StageMs run = RunStages(engine, &estimator, options, problem, frames[0]);
-    if (i > 0) runs.push_back(run);  // the first one warms up
+  Figures figures = RunStages(engine, &estimator, options, problem, frames[0]);  // warms up
+  std::vector<std::vector<double>> values(figures.size());
+  for (int i = 0; i < repetitions; ++i) {
+    const Figures run = RunStages(engine, &estimator, options, problem, frames[0]);
+    for (size_t k = 0; k < run.size(); ++k) values[k].push_back(run[k].second);
   }
-  StageFigures figures;
-  figures.size = size;
-  figures.source_views = source_views;
-  for (double StageMs::*stage :
-       {&StageMs::photometric, &StageMs::planar_prior, &StageMs::geometric, &StageMs::load, &StageMs::triangulation,
-        &StageMs::consistency, &StageMs::download, &StageMs::fast, &StageMs::whole}) {
-    std::vector<double> values(runs.size());
-    std::transform(runs.begin(), runs.end(), values.begin(), [stage](const StageMs& run) { return run.*stage; });
-    figures.median.*stage = Quantile(std::move(values), 0.5);
-  }
-  figures.device_bytes = engine->DeviceBytes();
+  for (size_t k = 0; k < figures.size(); ++k) figures[k].second = Quantile(std::move(values[k]), 0.5);
+  figures.emplace_back("B/px", static_cast<double>(engine->DeviceBytes()) / size.width / size.height);
   return figures;
 }
 
-StreamFigures MeasureStream(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size, int keyframes) {
+Figures MeasureStream(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size, int keyframes) {
   const int source_views = options.source_views.max_source_views;
-  StreamFigures figures;
-  figures.size = size;
-  figures.source_views = source_views;
-  figures.keyframes = keyframes;
-
   std::vector<double> fast, refined, device;
   // Since each image came; callbacks read those of images that came before them.
   std::vector<Timer> since_added(static_cast<size_t>(keyframes));
@@ -206,27 +199,29 @@ StreamFigures MeasureStream(DepthEngine* engine, const DenseMapperOptions& optio
   DenseMapper mapper(engine, options, callbacks, output_engine.get());
 
   WallStream stream(size, keyframes);
+  size_t device_bytes = 0, host_bytes = 0;
   Timer work;
   for (int i = 0; i < keyframes; ++i) {
     FrameWithoutGray frame = stream.Next();
     since_added[static_cast<size_t>(i)] = Timer();
     mapper.AddKeyframe(frame.Make());
-    if (i == keyframes / 10) {
-      figures.device_bytes_begin = engine->DeviceBytes();
-      figures.host_bytes_begin = HostBytes();
-    }
+    if (i != keyframes / 10) continue;
+    device_bytes = engine->DeviceBytes();
+    host_bytes = HostBytes();
   }
   mapper.WaitForOutputs();
-  const double work_ms = work.Elapsed();
-  figures.device_bytes_end = engine->DeviceBytes();
-  figures.host_bytes_end = HostBytes();
-  figures.keyframes_per_s = 1e3 * keyframes / work_ms;
-  figures.fast_median = Quantile(fast, 0.5);
-  figures.fast_99 = Quantile(fast, 0.99);
-  figures.refined_median = Quantile(refined, 0.5);
-  figures.refined_99 = Quantile(refined, 0.99);
-  figures.device_median = Quantile(device, 0.5);
-  return figures;
+  const double rate = 1e3 * keyframes / work.Elapsed();
+  const auto megabytes = [](size_t bytes) { return static_cast<double>(bytes) * 1e-6; };
+  return {{"keyframes/s", rate},
+          {"fast: median", Quantile(fast, 0.5)},
+          {"99 %", Quantile(fast, 0.99)},
+          {"refined: median", Quantile(refined, 0.5)},
+          {"99 %", Quantile(refined, 0.99)},
+          {"device", Quantile(device, 0.5)},
+          {"MB device: begin", megabytes(device_bytes)},
+          {"end", megabytes(engine->DeviceBytes())},
+          {"MB host: begin", megabytes(host_bytes)},
+          {"end", megabytes(HostBytes())}};
 }
 
 std::vector<ExpectedRates> MeasureExpectedRates(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size,
@@ -237,10 +232,10 @@ std::vector<ExpectedRates> MeasureExpectedRates(DepthEngine* engine, const Dense
     DenseMapperOptions of_preset = options;
     of_preset.pipeline = MakePreset(preset);
     if (of_preset.pipeline.multi_scale) continue;  // offline only
-    ExpectedRates rates = {preset, MeasureStream(engine, of_preset, size, keyframes), {}};
+    ExpectedRates rates = {preset, MeasureStream(engine, of_preset, size, keyframes).front().second, {}};
     for (const ImageSize& other : kSizes) {
       const double pixels = static_cast<double>(other.width) * other.height / size.width / size.height;
-      rates.computed_rates.emplace_back(other, rates.measured.keyframes_per_s / pixels);
+      rates.computed.emplace_back(other, rates.measured / pixels);
     }
     expected.push_back(std::move(rates));
   }

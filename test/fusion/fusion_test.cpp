@@ -247,27 +247,6 @@ class FuseOnEnginesTest : public EngineTest {
 };
 INSTANTIATE_TEST_SUITE_P(Devices, FuseOnEnginesTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
-TEST_P(FuseOnEnginesTest, GoesOnElsewhereFromTheFusedPixels) {
-  const std::vector<PointCloud> expected = FuseAll(engine_.get(), views_, neighbors_, options_);
-  const int count = static_cast<int>(views_.size());
-  for (int first_elsewhere : {1, 2, 6}) {
-    const auto here = engine_->MakeFusionStamps();
-    for (int view = 0; view < first_elsewhere; ++view) Fuse(engine_.get(), view, here.get());
-    const auto elsewhere = engine_->MakeFusionStamps();
-    for (const EngineView& view : views_) {
-      engine_->SetFusedPixels(*view.frame, engine_->FusedPixels(*view.frame, here.get()), elsewhere.get());
-    }
-    for (int view = first_elsewhere; view < count; ++view) {
-      EXPECT_EQ(FirstDifference(Fuse(engine_.get(), view, elsewhere.get()), expected[static_cast<size_t>(view)]), "")
-          << view;
-    }
-  }
-  const auto stamps = engine_->MakeFusionStamps();
-  EXPECT_THAT(ErrorOf([&] { engine_->SetFusedPixels(*views_[0].frame, Image<unsigned char>(3, 2), stamps.get()); }),
-              HasSubstr("fused pixels: 3 x 2 px: must be"));
-  EXPECT_THAT(ErrorOf([&] { engine_->FusedPixels(*views_[0].frame, nullptr); }), HasSubstr("stamps: null"));
-}
-
 TEST_P(FuseOnEnginesTest, ViewsWithoutACommonFrameMayComeInAnyOrder) {
   const std::vector<PointCloud> expected = FuseAll(engine_.get(), views_, neighbors_, options_);
   for (const PointCloud& cloud : expected) ASSERT_GT(cloud.size(), 10u) << "nothing is left: the test shows nothing";

@@ -206,6 +206,12 @@ TEST_F(DeviceMemoryTest, EstimatesGoWithTheirLastReader) {
   EXPECT_LE(most, kNeeded);
   EXPECT_GT(gpus_.estimates.size(), 2 * kNeeded) << "few were made: the test shows nothing";
   EXPECT_EQ(gpus_.NumEstimatesAlive(), 0u);
+  // For that, steps that are farther on go first.
+  options_.output = output("cpu");
+  Run(&fake_);
+  const auto is = [](const char* pass) { return [pass](const auto& call) { return call.pass == pass; }; };
+  const auto first_geometric = std::find_if(fake_.calls.begin(), fake_.calls.end(), is("geometric 0"));
+  EXPECT_TRUE(std::any_of(first_geometric, fake_.calls.end(), is("photometric")));
 }
 
 TEST_F(DeviceMemoryTest, ARunThatFailsAnywhereCanGoOn) {

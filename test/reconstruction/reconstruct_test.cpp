@@ -128,14 +128,6 @@ TEST_F(ReconstructTest, EachStepReadsTheMapsAfterTheStepBefore) {
   EXPECT_EQ(results.size(), 3u);
 }
 
-TEST_F(ReconstructTest, MemoryLimitDoesNotChangeTheResult) {
-  Run(&fake_);
-  options_.output = output("tight");
-  options_.memory_limit_gb = 0;
-  Run(&fake_);
-  ExpectSameContents(output(), output("tight"));
-}
-
 TEST_F(ReconstructTest, FoldersOfOthersAreNeverTouched) {
   options_.overwrite = true;
   WriteText("out/depth/000000.png", "precious");

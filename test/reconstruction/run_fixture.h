@@ -94,6 +94,13 @@ class FakeMatcherEngine : public FakeEngine {
   FakeMatcher& matcher_;
 };
 
+inline std::vector<ReconstructDevice> FakeHost(FakeMatcher* matcher) {
+  std::vector<ReconstructDevice> devices(1);
+  devices[0].engines.push_back(std::make_unique<FakeMatcherEngine>(matcher));
+  devices[0].on_host = true;
+  return devices;
+}
+
 /// How fake GPUs behave, and what they have made. Told of their fusions, by the thread that fuses.
 struct FakeGpuBehaviour {
   size_t free_bytes = size_t{1} << 30;  ///< at the start of a run, each
@@ -162,13 +169,7 @@ class ReconstructRunFixture : public ReconstructFixture {
   void Run(FakeMatcher* matcher, StopRequest* watcher) {
     log_.str("");
     out_.str("");
-    Reconstruct(options_, {[&] { return DevicesOf(matcher); }, *watcher, out_, log_, false});
-  }
-  static std::vector<ReconstructDevice> DevicesOf(FakeMatcher* matcher) {
-    std::vector<ReconstructDevice> devices(1);
-    devices[0].engines.push_back(std::make_unique<FakeMatcherEngine>(matcher));
-    devices[0].on_host = true;
-    return devices;
+    Reconstruct(options_, {[&] { return FakeHost(matcher); }, *watcher, out_, log_, false});
   }
   /// A run that is asked to stop when a pass begins. Returns how many had begun.
   size_t RunInterrupted(int pass) {

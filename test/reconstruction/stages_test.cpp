@@ -116,7 +116,7 @@ class StagesTest : public ReconstructRunFixture {
     devices_made_ = 0;
     const auto make_devices = [&] {
       ++devices_made_;
-      return DevicesOf(matcher);
+      return FakeHost(matcher);
     };
     return DoLines(lines, make_devices, all_done);
   }
@@ -163,9 +163,9 @@ TEST_F(StagesTest, OfOneImageOrSeveralChunksAtOnceMakeTheSame) {
     for (const char* images : {"5-8", "0", "1,3", "2-4"}) Stage(stage, images, &fake_);
   }
   Stage("maps", "0-8", &fake_);
-  Stage("fuse", "0-5", &fake_);
-  Stage("fuse", "6-8", &fake_);
+  const auto written = std::filesystem::last_write_time(output() / "depth/000003.pfm");
   Stage("finish", "", &fake_);
+  EXPECT_EQ(std::filesystem::last_write_time(output() / "depth/000003.pfm"), written);
   ExpectSameContents(output("alone"), output());
 }
 
@@ -204,11 +204,8 @@ TEST_F(StagesTest, WaitForJustWhatTheyRead) {
   EXPECT_TRUE(after("step_0", "4-5").empty());
   EXPECT_EQ(after("step_1", "4-5"), (std::set{find("step_0", "2-3"), find("step_0", "4-5"), find("step_0", "6-7")}));
   EXPECT_EQ(after("maps", "0-1"), (std::set{find("final", "0-1"), find("final", "2-3")}));
-  EXPECT_EQ(after("fuse", "0-1"), after("maps", "0-1"));
-  EXPECT_EQ(after("fuse", "8-8"), (std::set{find("final", "6-7"), find("final", "8-8"), find("fuse", "6-7")}))
-      << "which has taken over what 4-5 has used";
   EXPECT_EQ(tasks.back().stage, "finish");
-  EXPECT_EQ(tasks.back().after.size(), 10u);
+  EXPECT_EQ(tasks.back().after.size(), 5u);
 }
 
 TEST_F(StagesTest, InterruptedOrDoneTwiceAnywhereEndWithTheSameBytes) {
@@ -238,7 +235,7 @@ TEST_F(StagesTest, MakeWhatIsMissingOrDamagedThemselves) {
   Stage("maps", "4-5", &matcher);  // none of the stages before
   EXPECT_FALSE(matcher.calls.empty());
   for (const Task& task : tasks) {
-    if (task.stage != "maps" && task.stage != "fuse" && task.stage != "finish") Stage(task, &matcher);
+    if (task.stage != "maps" && task.stage != "finish") Stage(task, &matcher);
   }
   std::string damaged = ReadText(output() / "work/final/000003.bin");
   damaged[damaged.size() / 2] ^= 1;
@@ -246,28 +243,27 @@ TEST_F(StagesTest, MakeWhatIsMissingOrDamagedThemselves) {
   Stage("maps", "2-3", &matcher);
   EXPECT_THAT(log_.str(), HasSubstr("000003.bin is damaged: its step of image 00000003.png is computed again"));
   WriteText("out/depth/000003.pfm", "cut");
-  DoAll(tasks, &matcher);
+  std::filesystem::remove(output() / "work/final/000007.bin");
+  Stage("finish", "", &matcher);  // without most of the stage before
   ExpectSameContents(output("alone"), output());
 }
 
 TEST_F(StagesTest, RefuseWhatIsNotPlannedOrHasChanged) {
   EXPECT_THAT(StageError("step_0", "0"), HasSubstr("out: has no plan: give --plan first"));
   EXPECT_FALSE(std::filesystem::exists(output()));
+  RunInterrupted(5);
+  options_.plan = folder() / "plan.json";
+  EXPECT_THAT(Error(), HasSubstr("holds an interrupted run of one process"));
+  options_.plan.clear();
+  options_.overwrite = true;
   Plan();
+  options_.overwrite = false;
   EXPECT_THAT(StageError("step_9", "0"), HasSubstr("--stage step_9: must be one of step_0, "));
   EXPECT_THAT(StageError("step_0", ""), HasSubstr("--images"));
   EXPECT_THAT(StageError("step_0", "77"), HasSubstr("[0, 8]"));
-  EXPECT_THAT(StageError("fuse", "1-3"), HasSubstr("whole chunks of 2 images, and --images 1-3 lacks 0"));
   options_.seed = 7;
   EXPECT_THAT(StageError("step_0", "0"), HasSubstr("seed was 1 and is 7"));
   options_.seed = 1;
-  options_.chunk_images = 3;
-  EXPECT_THAT(StageError("step_0", "0"), HasSubstr("--chunk-images 3: the plan in " + output().string() + " has 2"));
-  options_.chunk_images = 2;
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { Stage("finish", "", &fake_); }),
-              HasSubstr("stage maps of image 00000000.png (index 0) is not done"));
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { Stage("fuse", "4-5", &fake_); }),
-              HasSubstr("the stage of the images from 2 on is not done"));
   EXPECT_THAT(Error(), HasSubstr("holds a run with other settings"));
   Stage("step_0", "0-1", &fake_);
   ChangeImage1();
@@ -307,15 +303,15 @@ TEST_F(StagesTest, OfOneProcessGoOnAfterAFailure) {
   matcher.on_call = [fails = true](int) mutable {
     if (std::exchange(fails, false)) throw ProcessingError("the device\nis lost");
   };
-  const std::string answers = DoLines(
-      {{"step_9 0-1"}, {""}, {"step_0 0 1"}, {"step_0"}, {"step_0 77"}, {"step_0 0-1"}, {"step_0 0-1"}, {"finish"}},
-      &matcher, false);
+  const std::string answers =
+      DoLines({{"step_9 0-1"}, {""}, {"step_0 0 1"}, {"step_0"}, {"step_0 77"}, {"step_0 0-1"}, {"step_0 0-1"}},
+              &matcher, false);
   std::istringstream stream(answers);
   for (const char* expected :
        {"step_9 0-1: exit code 2: --stage step_9: ", ": exit code 2: --stages: line \"\": must be STAGE IMAGES",
         "step_0 0 1: exit code 2: --stages: line \"step_0 0 1\": ", "step_0: exit code 2: --stage: needs --images",
         "step_0 77: exit code 2: image list: \"77\": ", "step_0 0-1: exit code 1: the device is lost",
-        "step_0 0-1: done", "finish: exit code 1: --stage finish: stage maps of image 00000000.png (index 0) "}) {
+        "step_0 0-1: done"}) {
     std::string line;
     EXPECT_TRUE(std::getline(stream, line));
     EXPECT_THAT(line, StartsWith(expected));

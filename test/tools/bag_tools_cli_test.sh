@@ -1,23 +1,8 @@
 #!/bin/bash
 # Exit codes and messages of the bag tools' command lines. Usage: bag_tools_cli_test.sh FOLDER_OF_THE_PROGRAMS
 set -u
-bin=${1:?folder of the programs}
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-cd "$work" || exit 1
-failures=0
-
-# expect CODE TEXT COMMAND...: runs the command, compares its exit code and looks for TEXT in what it prints.
-expect() {
-  local code=$1 text=$2 output got
-  shift 2
-  output=$("$@" 2>&1)
-  got=$?
-  if [ "$got" -ne "$code" ] || ! grep -qF -- "$text" <<<"$output"; then
-    echo "FAILED: $* -> $got (expected $code and \"$text\"): $output"
-    failures=$((failures + 1))
-  fi
-}
+# shellcheck source=test/tools/expect.sh
+source "$(dirname "$0")/expect.sh"
 
 small=(--synthetic --width 48 --height 36 --keyframes 4)
 # A file size limit stands in for a full disk: writing fails half way, with the signal for it ignored.
@@ -26,8 +11,8 @@ limited() { (ulimit -f 10; trap '' XFSZ; "$@"); }
 expect 0 "Usage: acmp_make_bag" "$bin/acmp_make_bag" --help
 expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" a.bag
 expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" b.bag --ground-truth truth
-cmp a.bag b.bag || failures=$((failures + 1))
-[ -s truth/depth/000003.png ] || { echo "FAILED: no ground truth"; failures=$((failures + 1)); }
+cmp a.bag b.bag || fail "two runs differ"
+[ -s truth/depth/000003.png ] || fail "no ground truth"
 expect 0 "usable: 0 errors" "$bin/acmp_check_bag" a.bag
 expect 0 "pose_source:=tf world_frame:=world" "$bin/acmp_check_bag" a.bag --pose /tf
 
@@ -35,7 +20,7 @@ expect 2 "give SCENE and OUT.bag" "$bin/acmp_make_bag" out.bag
 expect 2 "--synthetic takes no SCENE" "$bin/acmp_make_bag" --synthetic scene out.bag
 expect 2 "required" "$bin/acmp_make_bag"
 expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" --scene hard hard.bag
-cmp -s a.bag hard.bag && { echo "FAILED: --scene hard is the room"; failures=$((failures + 1)); }
+cmp -s a.bag hard.bag && fail "--scene hard is the room"
 expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" --stereo-baseline 0.11 --standing --moving-object pair.bag
 expect 0 "stereo:=true source_image:=/camera_right/image_raw source_camera_info:=/camera_right/camera_info" \
   "$bin/acmp_check_bag" pair.bag
@@ -44,7 +29,7 @@ expect 2 "need --synthetic" "$bin/acmp_make_bag" --standing . out.bag
 expect 2 "--scene needs --synthetic" "$bin/acmp_make_bag" --scene hard . out.bag
 expect 0 "7 images" "$bin/acmp_make_bag" --synthetic --width 48 --height 36 --keyframes 7 --poses slam slam.bag
 expect 0 "7 images" "$bin/acmp_make_bag" --synthetic --width 48 --height 36 --keyframes 7 --poses slam again.bag
-cmp slam.bag again.bag || failures=$((failures + 1))
+cmp slam.bag again.bag || fail "two runs differ"
 expect 2 "must be in [7" "$bin/acmp_make_bag" "${small[@]}" --poses slam out.bag
 expect 2 "--poses" "$bin/acmp_make_bag" "${small[@]}" --poses drunken out.bag
 expect 2 "--poses slam needs --synthetic" "$bin/acmp_make_bag" --poses slam . out.bag
@@ -56,7 +41,7 @@ expect 2 "missing" "$bin/acmp_make_bag" missing out.bag
 expect 2 "is a folder" "$bin/acmp_make_bag" "${small[@]}" .
 expect 2 "there is no folder" "$bin/acmp_make_bag" "${small[@]}" missing/out.bag
 expect 1 "cannot write" limited "$bin/acmp_make_bag" "${small[@]}" out.bag
-[ ! -e out.bag ] && [ ! -e out.bag.partial ] || { echo "FAILED: a failed run left files"; failures=$((failures + 1)); }
+[ ! -e out.bag ] && [ ! -e out.bag.partial ] || fail "a failed run left files"
 
 head -c 5000 a.bag >cut.bag
 expect 1 "cannot write to the standard output" eval '"$bin/acmp_check_bag" a.bag 2>&1 >/dev/full'

@@ -1,33 +1,18 @@
 #!/bin/bash
 # Exit codes and messages of acmp_evaluate and acmp_make_scene. Usage: evaluate_cli_test.sh FOLDER_OF_THE_PROGRAMS
 set -u
-bin=$(realpath "${1:?folder of the programs}")
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-cd "$work" || exit 1
-failures=0
-
-# expect CODE TEXT COMMAND...: runs the command, compares its exit code and looks for TEXT in what it prints.
-expect() {
-  local code=$1 text=$2 output got
-  shift 2
-  output=$("$@" 2>&1)
-  got=$?
-  if [ "$got" -ne "$code" ] || ! grep -qF -- "$text" <<<"$output"; then
-    echo "FAILED: $* -> $got (expected $code and \"$text\"): $output"
-    failures=$((failures + 1))
-  fi
-}
+# shellcheck source=test/tools/expect.sh
+source "$(dirname "$0")/expect.sh"
 
 small=(--width 48 --height 36 --keyframes 3 --spacing 0.1)
 expect 0 "Makes a test scene" "$bin/acmp_make_scene" --help
 expect 0 "3 images of 48 x 36" "$bin/acmp_make_scene" a "${small[@]}"
 expect 0 "3 images of 48 x 36" "$bin/acmp_make_scene" b "${small[@]}"
-diff -r a b >/dev/null || { echo "FAILED: two runs differ"; failures=$((failures + 1)); }
+diff -r a b >/dev/null || fail "two runs differ"
 expect 2 "not an empty folder" "$bin/acmp_make_scene" a "${small[@]}"
 expect 0 "3 images" "$bin/acmp_make_scene" a "${small[@]}" --overwrite
 expect 0 "3 images of 48 x 36" "$bin/acmp_make_scene" hard "${small[@]}" --scene hard
-cmp -s a/depth/000001.png hard/depth/000001.png && { echo "FAILED: --scene hard is the room"; failures=$((failures + 1)); }
+cmp -s a/depth/000001.png hard/depth/000001.png && fail "--scene hard is the room"
 expect 2 'scene = "kitchen": must be one of room, hard' "$bin/acmp_make_scene" c --scene kitchen
 expect 2 "read_noise_grey = 51" "$bin/acmp_make_scene" c --noise 51
 expect 2 "keyframes = 1" "$bin/acmp_make_scene" c --keyframes 1
@@ -43,7 +28,7 @@ expect 2 "no such folder" "$bin/acmp_evaluate" depth a missing
 expect 2 "cameras.txt" "$bin/acmp_evaluate" depth a/depth a/depth
 expect 2 "image list" "$bin/acmp_evaluate" depth a a/depth --subset x
 expect 0 "low_texture (mean)" "$bin/acmp_evaluate" depth a b/depth --mask low_texture --json out.json
-grep -q '"pool"' out.json || { echo "FAILED: out.json"; failures=$((failures + 1)); }
+grep -q '"pool"' out.json || fail "out.json"
 expect 2 "there is no folder" "$bin/acmp_evaluate" depth a b/depth --json missing/out.json
 mkdir truncated && head -c 300 a/depth/000000.png >truncated/000000.png
 expect 2 "000000.png" "$bin/acmp_evaluate" depth a truncated
@@ -51,7 +36,7 @@ expect 2 "000000.png" "$bin/acmp_evaluate" depth a truncated
 expect 0 "100.00" "$bin/acmp_evaluate" cloud a/surface.ply b/surface.ply --thresholds 0.02,0.05 --voxel 0.1
 expect 2 "--thresholds = -1" "$bin/acmp_evaluate" cloud a/surface.ply b/surface.ply --thresholds -1
 expect 0 "true points from 3 depth maps" "$bin/acmp_evaluate" cloud b/surface.ply a --max-depth 9 --json cloud.json
-grep -q '"true_maps": 3' cloud.json || { echo "FAILED: cloud.json"; failures=$((failures + 1)); }
+grep -q '"true_maps": 3' cloud.json || fail "cloud.json"
 expect 2 "--max-depth = 9: needs a folder" "$bin/acmp_evaluate" cloud b/surface.ply a/surface.ply --max-depth 9
 expect 2 "missing.ply" "$bin/acmp_evaluate" cloud missing.ply b/surface.ply
 
@@ -64,7 +49,7 @@ done
 echo '{"tile_size": 1, "points": 2, "tiles": [{"file": "0_0_0.ply", "points": 1}, {"file": "1_0_0.ply", "points": 1}]}' >tiles/index.json
 for cloud in tiles tiles/index.json; do
   diff <("$bin/acmp_evaluate" cloud $cloud two.ply) <("$bin/acmp_evaluate" cloud two.ply two.ply) ||
-    { echo "FAILED: tiles and PLY differ"; failures=$((failures + 1)); }
+    fail "tiles and PLY differ"
 done
 expect 0 "100.00" "$bin/acmp_evaluate" cloud two.ply tiles/index.json
 expect_tiles_refused() {  # text index
@@ -77,12 +62,12 @@ expect_tiles_refused 'a tile must have "file"' '{"tiles": [{"file": 7, "points":
 expect_tiles_refused 'must be JSON with a list' '{"tiles": {}}'
 # What it prints is its result: where that does not get out, it has failed.
 for tool in "$bin/acmp_evaluate cloud two.ply two.ply" "$bin/acmp_evaluate depth a a/depth"; do
-  $tool >/dev/null 2>&1 || { echo "FAILED: $tool"; failures=$((failures + 1)); }
+  $tool >/dev/null 2>&1 || fail "$tool"
   for output in '>/dev/full' '>&-'; do
-    message=$(eval "$tool 2>&1 $output") && { echo "FAILED: $tool $output: exit code 0"; failures=$((failures + 1)); }
+    message=$(eval "$tool 2>&1 $output") && fail "$tool $output: exit code 0"
     message=$(eval "($tool $output) 2>&1")
     grep -q "cannot write to the standard output" <<<"$message" ||
-      { echo "FAILED: $tool $output says $message"; failures=$((failures + 1)); }
+      fail "$tool $output says $message"
   done
 done
 exit $((failures > 0))

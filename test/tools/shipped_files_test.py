@@ -393,67 +393,44 @@ class PackageXml(unittest.TestCase):
         self.assertEqual(self.names("build") & {"cli11", "libnanoflann-dev"}, set())
 
 
-class RvizConfig(unittest.TestCase):
-    def setUp(self):
+class Viewers(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
         with open(os.path.join(SOURCE, "config/acmp_mapping.rviz")) as file:
-            self.manager = yaml.safe_load(file)["Visualization Manager"]
-
-    def topics(self):
-        keys = ("Topic", "Image Topic")
-        return {display["Name"]: display[key] for display in self.manager["Displays"] for key in keys if key in display}
+            cls.rviz = yaml.safe_load(file)["Visualization Manager"]
+        with open(os.path.join(SOURCE, "config/foxglove_layout.json")) as file:
+            cls.foxglove = json.load(file)
+        cls.bridge = os.path.join(SOURCE, "scripts/rerun_bridge.py")
 
     def test_topics_are_outputs(self):
-        for name, topic in self.topics().items():
-            self.assertTrue(topic.startswith(NAMESPACE), name)
-            self.assertIn(topic[len(NAMESPACE):], interface_names(), name)
+        of_rviz = [display[key] for display in self.rviz["Displays"] for key in ("Topic", "Image Topic") if key in display]
+        of_foxglove = [topic for panel in self.foxglove["configById"].values() for topic in
+                       [*panel.get("topics", {}), *panel.get("imageMode", {}).values()]]
+        with open(self.bridge) as file:
+            of_rerun = [NAMESPACE + topic for topic in re.findall(r'"([\w/]+)": \(\w+, \w+\)', file.read())]
+        for topics, least in ((of_rviz, 1), (of_foxglove, 10), (of_rerun, 7)):
+            self.assertGreaterEqual(len(topics), least)
+            self.assertLessEqual(set(topics), {NAMESPACE + name for name in interface_names()})
 
-    def test_colours_of_clouds_are_channels_that_they_have(self):
-        clouds = [display for display in self.manager["Displays"] if display["Class"] == "rviz/PointCloud2"]
+    def test_rvizs_clouds_have_the_channels_that_colour_them_and_its_frame_is_that_of_recorded_bags(self):
+        clouds = [display for display in self.rviz["Displays"] if display["Class"] == "rviz/PointCloud2"]
         with open(os.path.join(SOURCE, "src/ros/output_conversion.cpp")) as file:
             fields = re.findall(r'"(\w+)", 1, kFloat', file.read())
         channels = {display.get("Channel Name") for display in clouds if display["Color Transformer"] == "Intensity"}
         self.assertEqual(channels, {"confidence"})
         self.assertLessEqual(channels, set(fields))
-
-    def test_fixed_frame_is_that_of_recorded_bags(self):
         with open(os.path.join(SOURCE, "include/acmp_mapping/bags/bag_recording.h")) as file:
             frame = re.search(r'kWorldFrame\[\] = "(\w+)"', file.read()).group(1)
-        self.assertEqual(self.manager["Global Options"]["Fixed Frame"], frame)
+        self.assertEqual(self.rviz["Global Options"]["Fixed Frame"], frame)
 
-
-class FoxgloveLayout(unittest.TestCase):
-    def setUp(self):
-        with open(os.path.join(SOURCE, "config/foxglove_layout.json")) as file:
-            self.layout = json.load(file)
-        self.panels = self.layout["configById"]
-
-    def test_topics_are_outputs(self):
-        topics = [topic for panel in self.panels.values() for topic in
-                  [*panel.get("topics", {}), *panel.get("imageMode", {}).values()]]
-        self.assertGreaterEqual(len(topics), 10)
-        for topic in topics:
-            self.assertTrue(topic.startswith(NAMESPACE), topic)
-            self.assertIn(topic[len(NAMESPACE):], interface_names())
-
-    def test_every_panel_has_a_place(self):
+    def test_every_panel_of_foxglove_has_a_place(self):
         def places(part):
             return [part] if isinstance(part, str) else places(part["first"]) + places(part["second"])
-        self.assertEqual(sorted(places(self.layout["layout"])), sorted(self.panels))
-
-
-class RerunBridge(unittest.TestCase):
-    def setUp(self):
-        self.path = os.path.join(SOURCE, "scripts/rerun_bridge.py")
-
-    def test_topics_are_outputs(self):
-        with open(self.path) as file:
-            topics = re.findall(r'"([\w/]+)": \(\w+, \w+\)', file.read())
-        self.assertEqual(len(topics), 7)
-        self.assertLessEqual(set(topics), interface_names())
+        self.assertEqual(sorted(places(self.foxglove["layout"])), sorted(self.foxglove["configById"]))
 
     @unittest.skipIf(importlib.util.find_spec("rerun"), "Rerun is installed")
-    def test_it_says_what_to_install(self):
-        run = subprocess.run([sys.executable, self.path], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    def test_reruns_bridge_says_what_to_install(self):
+        run = subprocess.run([sys.executable, self.bridge], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         self.assertEqual(run.returncode, 1)
         self.assertIn("Rerun is missing (pip install rerun-sdk)", run.stdout)
 

@@ -125,13 +125,6 @@ class DepthEngine {
   virtual PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
                               const FusionOptions& options, int rank, FusionStamps* stamps) = 0;
 
-  /// Which pixels of a frame have gone into points, at its size: 1 or 0. For another process that goes on with the
-  /// fusion. `stamps` as for FuseView.
-  virtual Image<unsigned char> FusedPixels(const Frame& frame, FusionStamps* stamps) = 0;
-  /// Before any view is fused: these pixels of a frame count as those of a view of rank 0, so that ranks go on from 1.
-  /// Throws InvalidInputError for pixels of another size than the frame's.
-  virtual void SetFusedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) = 0;
-
   // The way of estimates to the host, back, and from one device to another.
 
   virtual EstimateMaps Download(const EngineEstimatePtr& estimate) = 0;

@@ -36,8 +36,6 @@ class HostDepthEngine : public DepthEngine {
   std::unique_ptr<FusionStamps> MakeFusionStamps() override;
   PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
                       int rank, FusionStamps* stamps) override;
-  Image<unsigned char> FusedPixels(const Frame& frame, FusionStamps* stamps) override;
-  void SetFusedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) override;
   EstimateMaps Download(const EngineEstimatePtr& estimate) override;
   DepthMap DownloadDepth(const EngineEstimatePtr& estimate) override;
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;

@@ -23,11 +23,6 @@ FusionLimits MakeFusionLimits(const FusionOptions& options);
 /// Throws InvalidInputError unless a stamp can hold the view's place in the order of fusion, 0..kMaxFusionViews - 1.
 Stamp StampOfRank(int rank);
 
-/// What DepthEngine::FusedPixels says of a frame's stamps, and stamps that say the same in a fusion that goes on.
-Image<unsigned char> FusedOf(const ImageView<const Stamp>& stamps);
-/// Throws InvalidInputError unless `used` has the size of the camera's image.
-Image<Stamp> StampsOfFused(const Image<unsigned char>& used, const PinholeCamera& camera);
-
 /// Composes the context of one reference view, of maps on the device that is to run it.
 class FusionSetup {
  public:

@@ -89,7 +89,7 @@ struct ImageReconstruction {
 };
 
 /// What the tool does with a scene's files, in memory: depth, normal, cost and confidence of each image by the offline
-/// schedule, and one cloud. What a GPU has no room for waits in temporary files. The maps and points are those of the
+/// schedule, and one cloud. What a GPU has no room for waits in the host's memory. The maps and points are those of the
 /// tool, bit by bit. Throws InvalidInputError for bad input, ProcessingError, or Interrupted.
 /// @param images at least one; given up
 /// @param options those of matching and machine count; the poses are taken as they are
