@@ -21,14 +21,14 @@ void CheckView(const char* name, const EngineView& view) {
 
 PosedCamera PosedCameraOf(const std::string& name, const EngineView& view) {
   if (!view.frame) throw InvalidInputError(name + ": frame must not be null");
-  CheckCamera(name.c_str(), view.frame->camera);
+  CheckCamera(name, view.frame->camera);
   CheckPose(name.c_str(), view.cam_from_world());
   return {view.frame->camera, view.cam_from_world()};
 }
 
 FusionMaps CheckedMaps(const std::string& name, const FusionMaps& maps, const PinholeCamera& camera) {
-  CheckSize((name + ": estimate").c_str(), maps.depth.width, maps.depth.height, camera);
-  if (!maps.color.empty()) CheckSize((name + ": colours").c_str(), maps.color.width, maps.color.height, camera);
+  CheckSize(name + ": estimate", maps.depth.width, maps.depth.height, camera);
+  if (!maps.color.empty()) CheckSize(name + ": colours", maps.color.width, maps.color.height, camera);
   return maps;
 }
 

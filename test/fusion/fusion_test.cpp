@@ -264,7 +264,7 @@ TEST_P(FuseOnEnginesTest, GoesOnElsewhereFromTheFusedPixels) {
   }
   const auto stamps = engine_->MakeFusionStamps();
   EXPECT_THAT(ErrorOf([&] { engine_->SetFusedPixels(*views_[0].frame, Image<unsigned char>(3, 2), stamps.get()); }),
-              HasSubstr("fused pixels: 3 x 2 px: must be"));
+              HasSubstr("fused pixels size 3 x 2: must be"));
   EXPECT_THAT(ErrorOf([&] { engine_->FusedPixels(*views_[0].frame, nullptr); }), HasSubstr("stamps: null"));
 }
 
