@@ -160,10 +160,9 @@ EngineEstimatePtr HostDepthEngine::Upsample(const EngineEstimatePtr& estimate, c
   ForEachPixel(camera.width, camera.height, [&](int col, int row) {
     const int from_col = CoveringPixel(col, level, halved.planes.width());
     const int from_row = CoveringPixel(row, level, halved.planes.height());
-    state.planes(col, row) =
-        UpsamplePlane(halved.planes(from_col, from_row),
-                      halved_rays.Ray(static_cast<float>(from_col), static_cast<float>(from_row)),
-                      rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+    state.planes(col, row) = UpsamplePlane(halved.planes(from_col, from_row),
+                                           halved_rays.Ray(static_cast<float>(from_col), static_cast<float>(from_row)),
+                                           rays.Ray(static_cast<float>(col), static_cast<float>(row)));
     state.cost(col, row) = halved.cost(from_col, from_row);
   });
   return UploadState(std::move(state), camera);

@@ -22,7 +22,7 @@ Image<ViewSupport> CountAllSupportingViews(const FusionSetup& setup) {
   const FusionContext context = setup.Context(setup.sources().data());
   Image<ViewSupport> support(context.reference.depth.width, context.reference.depth.height);
   ForEachPixel(support.width(), support.height(),
-          [&](int col, int row) { support(col, row) = CountSupportingViews(context, col, row); });
+               [&](int col, int row) { support(col, row) = CountSupportingViews(context, col, row); });
   return support;
 }
 
