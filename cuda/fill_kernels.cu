@@ -3,7 +3,6 @@
 #include "acmp_mapping/fill/kernel/free_space.h"
 #include "kernels.h"
 #include "launch.h"
-#include "warp_group.h"
 
 namespace acmp {
 namespace {

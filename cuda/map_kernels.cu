@@ -2,7 +2,6 @@
 #include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "kernels.h"
 #include "launch.h"
-#include "warp_group.h"
 
 namespace acmp {
 namespace {

@@ -7,7 +7,6 @@
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
 #include "kernels.h"
 #include "launch.h"
-#include "warp_group.h"
 
 namespace acmp {
 namespace {

@@ -75,12 +75,6 @@ std::vector<MaskDistanceMap> MakeMaskDistances(const Frame& frame, int levels) {
   return mask_distances;
 }
 
-void CheckHandles(const EngineProblem& problem, int level) {
-  CheckRange("level", level, 0, kMaxLevels);
-  CheckView("reference", problem.reference);
-  for (const EngineView& source : problem.sources) CheckView("source view", source);
-}
-
 void CheckUpsample(const FramePtr& frame, int level, int width, int height) {
   if (!frame) throw InvalidInputError("frame: must not be null");
   CheckRange("level", level, 0, kMaxLevels);
@@ -88,7 +82,9 @@ void CheckUpsample(const FramePtr& frame, int level, int width, int height) {
 }
 
 PatchMatchProblem MakePatchMatchProblem(const EngineProblem& problem, int level) {
-  CheckHandles(problem, level);
+  CheckRange("level", level, 0, kMaxLevels);
+  CheckView("reference", problem.reference);
+  for (const EngineView& source : problem.sources) CheckView("source view", source);
   PatchMatchProblem result;
   result.reference = MakeMatchView(problem.reference);
   result.sources.reserve(problem.sources.size());
