@@ -18,15 +18,15 @@ namespace acmp {
 namespace {
 
 /// The pixels with (col + row) % 2 == color.
-template <class Context, class Function>
-void ForEachPixelOfColor(const Context& context, int color, const Function& function) {
+template <class Function>
+void ForEachPixelOfColor(const MatchContext<CpuSampler>& context, int color, const Function& function) {
   tbb::parallel_for(0, context.height, [&](int row) {
     for (int col = (row + color) % 2; col < context.width; col += 2) function(col, row);
   });
 }
 
-template <Pass kPass, Method kMethod, class Context>
-void Iterate(const Context& context, int iterations) {
+template <Pass kPass, Method kMethod>
+void Iterate(const MatchContext<CpuSampler>& context, int iterations) {
   ForEachPixelOfColor(context, 0, [&](int col, int row) {
     if constexpr (kMethod == Method::kOurs) {
       InitializeUnmatched<kPass>(context, col, row);
@@ -64,21 +64,10 @@ struct HostSources {
     }
   }
 
-  /// Calls function(context) with a context for images with or without masks, which lacks maps.
-  template <class Function>
-  void VisitContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind, int geometric_pass,
-                    const Function& function) const {
-    if (has_masks || !problem.reference.mask_distance.empty()) {
-      function(MakeContext<MaskedCpuSampler>(problem, options, kind, geometric_pass));
-    } else {
-      function(MakeContext<CpuSampler>(problem, options, kind, geometric_pass));
-    }
-  }
-
-  template <class Sampler>
-  MatchContext<Sampler> MakeContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind,
-                                    int geometric_pass) const {
-    MatchContext<Sampler> context = MakeMatchContext<Sampler>(problem, options, kind, geometric_pass);
+  /// A context without maps.
+  MatchContext<CpuSampler> MakeContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind,
+                                       int geometric_pass) const {
+    MatchContext<CpuSampler> context = MakeMatchContext<CpuSampler>(problem, options, kind, geometric_pass);
     context.sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
     context.sources = views.data();
     context.full_depths = full_depths.data();
@@ -109,14 +98,13 @@ EstimateState RunPass(const PatchMatchProblem& problem, const PatchMatchOptions&
   if (kind == Pass::kPlanarPrior) CheckSize("prior", prior.width, prior.height, camera);
   const HostSources sources(problem, options.method);
   Image<uint32_t> selected_views(camera.width, camera.height);
-  sources.VisitContext(problem, options, kind, geometric_pass, [&](auto context) {
-    context.planes = state.planes.View();
-    context.cost = state.cost.View();
-    context.selected_views = selected_views.View();
-    context.prior = {prior, {}};
-    VisitPass(kind, options.method,
-              [&](auto pass, auto method) { Iterate<pass, method>(context, IterationsOf(kind, options)); });
-  });
+  MatchContext<CpuSampler> context = sources.MakeContext(problem, options, kind, geometric_pass);
+  context.planes = state.planes.View();
+  context.cost = state.cost.View();
+  context.selected_views = selected_views.View();
+  context.prior = {prior, {}};
+  VisitPass(kind, options.method,
+            [&](auto pass, auto method) { Iterate<pass, method>(context, IterationsOf(kind, options)); });
   return state;
 }
 
@@ -131,11 +119,10 @@ EstimateState RestoreDetails(const PatchMatchProblem& problem, const PatchMatchO
   CheckSize("coarser planes", coarser.width, coarser.height, halved);
   const HostSources sources(problem, options.method);
   const CoarserEstimate estimate = {coarser, MakeRayGrid(halved)};
-  sources.VisitContext(problem, options, Pass::kPhotometric, 0, [&](auto context) {
-    context.planes = start.planes.View();
-    context.cost = start.cost.View();
-    ForEachPixel(camera.width, camera.height, [&](int col, int row) { RestorePixel(context, estimate, col, row); });
-  });
+  MatchContext<CpuSampler> context = sources.MakeContext(problem, options, Pass::kPhotometric, 0);
+  context.planes = start.planes.View();
+  context.cost = start.cost.View();
+  ForEachPixel(camera.width, camera.height, [&](int col, int row) { RestorePixel(context, estimate, col, row); });
   return start;
 }
 
@@ -146,11 +133,10 @@ Image<float> MeasureEvidence(const PatchMatchProblem& problem, const PlaneMap& p
   const HostSources sources(problem, Method::kOurs);
   PlaneMap read = planes.Clone();  // the context could write
   Image<float> evidence(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
-  sources.VisitContext(problem, {}, Pass::kGeometric, 0, [&](auto context) {
-    context.planes = read.View();
-    ForEachPixel(evidence.width(), evidence.height(),
-                 [&](int col, int row) { evidence(col, row) = EvidenceOfCell(context, col, row, cell_size); });
-  });
+  MatchContext<CpuSampler> context = sources.MakeContext(problem, {}, Pass::kGeometric, 0);
+  context.planes = read.View();
+  ForEachPixel(evidence.width(), evidence.height(),
+               [&](int col, int row) { evidence(col, row) = EvidenceOfCell(context, col, row, cell_size); });
   return evidence;
 }
 
