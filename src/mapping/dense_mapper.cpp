@@ -224,6 +224,7 @@ struct DenseMapper::Impl {
   void TakeSteps(std::vector<KeyframeSteps> members) {
     const bool is_alone = members.size() == 1;
     std::vector<WindowKeyframePtr> sharing;
+    sharing.reserve(members.size());
     const auto for_each = [&](const auto& work) {
       std::vector<KeyframeSteps> going_on;
       for (KeyframeSteps& member : members) {
