@@ -9,7 +9,7 @@
 #include <filesystem>
 
 #include "acmp_mapping/common/error.h"
-#include "patch_match_kernels.h"
+#include "kernels.h"
 
 namespace acmp {
 namespace {

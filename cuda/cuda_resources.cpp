@@ -92,31 +92,6 @@ cudaStream_t MultiprocessorShare::MakeStream() const { return nullptr; }
 
 #endif
 
-CudaStream::CudaStream(const MultiprocessorShare* share) {
-  if (share != nullptr) {
-    stream_ = share->MakeStream();
-  } else {
-    CudaCheck(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking), "create stream");
-  }
-}
-// Destructors cannot report; after a device failure there is nothing left to release.
-CudaStream::~CudaStream() { cudaStreamDestroy(stream_); }
-void CudaStream::Synchronize() const { CudaCheck(cudaStreamSynchronize(stream_), "run kernels"); }
-
-CudaEvent::CudaEvent() { CudaCheck(cudaEventCreate(&event_), "create event"); }
-CudaEvent::~CudaEvent() { cudaEventDestroy(event_); }
-void CudaEvent::Record(const CudaStream& stream) const {
-  CudaCheck(cudaEventRecord(event_, stream.get()), "record event");
-}
-void CudaEvent::Wait() const { CudaCheck(cudaEventSynchronize(event_), "run kernels"); }
-double CudaEvent::ElapsedMs(const CudaEvent& start, const CudaEvent& end) {
-  float ms = 0;
-  CudaCheck(cudaEventElapsedTime(&ms, start.event_, end.event_), "read event");
-  return ms;
-}
-
-PinnedBuffer::~PinnedBuffer() { cudaFreeHost(data_); }
-
 void* PinnedBuffer::ReserveBytes(size_t bytes) {
   if (bytes <= capacity_) return data_;
   cudaFreeHost(data_);

@@ -34,13 +34,20 @@ class MultiprocessorShare {
 class CudaStream {
  public:
   /// @param share whose multiprocessors do what is queued; null: all of the selected device
-  explicit CudaStream(const MultiprocessorShare* share = nullptr);
-  ~CudaStream();
+  explicit CudaStream(const MultiprocessorShare* share = nullptr) {
+    if (share != nullptr) {
+      stream_ = share->MakeStream();
+    } else {
+      CudaCheck(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking), "create stream");
+    }
+  }
+  // Destructors cannot report; after a device failure there is nothing left to release.
+  ~CudaStream() { cudaStreamDestroy(stream_); }
   CudaStream(const CudaStream&) = delete;
   CudaStream& operator=(const CudaStream&) = delete;
 
   cudaStream_t get() const { return stream_; }
-  void Synchronize() const;
+  void Synchronize() const { CudaCheck(cudaStreamSynchronize(stream_), "run kernels"); }
 
  private:
   cudaStream_t stream_ = nullptr;
@@ -49,16 +56,20 @@ class CudaStream {
 /// Owns an event that keeps time.
 class CudaEvent {
  public:
-  CudaEvent();
-  ~CudaEvent();
+  CudaEvent() { CudaCheck(cudaEventCreate(&event_), "create event"); }
+  ~CudaEvent() { cudaEventDestroy(event_); }
   CudaEvent(const CudaEvent&) = delete;
   CudaEvent& operator=(const CudaEvent&) = delete;
 
-  void Record(const CudaStream& stream) const;
+  void Record(const CudaStream& stream) const { CudaCheck(cudaEventRecord(event_, stream.get()), "record event"); }
   /// Until what was queued before the event is done.
-  void Wait() const;
+  void Wait() const { CudaCheck(cudaEventSynchronize(event_), "run kernels"); }
   /// Milliseconds between two recorded and reached events.
-  static double ElapsedMs(const CudaEvent& start, const CudaEvent& end);
+  static double ElapsedMs(const CudaEvent& start, const CudaEvent& end) {
+    float ms = 0;
+    CudaCheck(cudaEventElapsedTime(&ms, start.event_, end.event_), "read event");
+    return ms;
+  }
 
  private:
   cudaEvent_t event_ = nullptr;
@@ -68,7 +79,7 @@ class CudaEvent {
 class PinnedBuffer {
  public:
   PinnedBuffer() = default;
-  ~PinnedBuffer();
+  ~PinnedBuffer() { cudaFreeHost(data_); }
   PinnedBuffer(const PinnedBuffer&) = delete;
   PinnedBuffer& operator=(const PinnedBuffer&) = delete;
 

@@ -1,11 +1,10 @@
-#include "fusion_kernels.h"
-
 #include <cstring>
 #include <cub/device/device_select.cuh>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/fusion/kernel/fuse_pixel.h"
 #include "cuda_resources.h"
+#include "kernels.h"
 
 namespace acmp {
 namespace {
@@ -21,21 +20,21 @@ struct alignas(16) PackedPoint {
 };
 static_assert(sizeof(PackedPoint) == sizeof(SurfacePoint), "points are copied as words");
 
-int NumBlocks(size_t pixels) { return static_cast<int>((pixels + kPointThreads - 1) / kPointThreads); }
+/// function(col, row, place in the range) for a pixel of the range.
+template <class Function>
+__global__ void __launch_bounds__(kPointThreads)
+    RangeKernel(const __grid_constant__ Function function, const PixelRange range, int width) {
+  const size_t in_range = static_cast<size_t>(blockIdx.x) * kPointThreads + threadIdx.x;
+  const unsigned index = static_cast<unsigned>(range.first + in_range);
+  if (in_range < range.count) function(static_cast<int>(index % width), static_cast<int>(index / width), in_range);
+}
 
-/// The calling thread's pixel.
-struct PixelPlace {
-  size_t in_range;
-  int col, row;
-};
-
-/// False beyond the range.
-__device__ bool FindPixel(const PixelRange& range, int width, PixelPlace* place) {
-  place->in_range = static_cast<size_t>(blockIdx.x) * kPointThreads + threadIdx.x;
-  const unsigned index = static_cast<unsigned>(range.first + place->in_range);
-  place->col = static_cast<int>(index % width);
-  place->row = static_cast<int>(index / width);
-  return place->in_range < range.count;
+template <class Function>
+void LaunchForRange(const char* what, const PixelRange& range, int width, cudaStream_t stream,
+                    const Function& function) {
+  const int blocks = static_cast<int>((range.count + kPointThreads - 1) / kPointThreads);
+  RangeKernel<<<blocks, kPointThreads, 0, stream>>>(function, range, width);
+  CudaCheck(cudaGetLastError(), what);
 }
 
 __device__ void WritePoint(bool accepted, const SurfacePoint& point, size_t in_range, const PointOutput& output) {
@@ -44,32 +43,6 @@ __device__ void WritePoint(bool accepted, const SurfacePoint& point, size_t in_r
   memcpy(&packed, &point, sizeof(packed));
   reinterpret_cast<PackedPoint*>(output.of_pixels)[in_range] = packed;
   output.accepted[in_range] = accepted ? 1 : 0;
-}
-
-__global__ void __launch_bounds__(kPointThreads)
-    OddsKernel(const __grid_constant__ FusionContext context, const PixelRange range, const ImageView<float> log_odds) {
-  PixelPlace place;
-  if (!FindPixel(range, log_odds.width, &place)) return;
-  log_odds(place.col, place.row) = LogOdds(context, place.col, place.row);
-}
-
-__global__ void __launch_bounds__(kPointThreads)
-    FilterKernel(const __grid_constant__ FusionContext context, const PixelRange range,
-                 const ImageView<float> confidence, const PointOutput output) {
-  PixelPlace place;
-  if (!FindPixel(range, confidence.width, &place)) return;
-  SurfacePoint point = {};
-  const bool accepted = CheckPixel(context, place.col, place.row, &confidence(place.col, place.row), &point);
-  WritePoint(accepted, point, place.in_range, output);
-}
-
-__global__ void __launch_bounds__(kPointThreads)
-    FuseKernel(const __grid_constant__ FusionContext context, const PixelRange range, const PointOutput output) {
-  PixelPlace place;
-  if (!FindPixel(range, context.stamps.width, &place)) return;
-  SurfacePoint point = {};
-  const bool accepted = FusePixel(context, place.col, place.row, &point);
-  WritePoint(accepted, point, place.in_range, output);
 }
 
 /// Queues the gathering of the accepted pixels' points, or sets `bytes` to what scratch memory it takes where that is
@@ -91,25 +64,33 @@ size_t PointScratchBytes(size_t pixels) {
 
 FusionContext LaunchOdds(FusionContext context, float* log_odds, cudaStream_t stream) {
   const int width = context.reference.depth.width, height = context.reference.depth.height;
-  const PixelRange all = {0, static_cast<size_t>(width) * height};
-  OddsKernel<<<NumBlocks(all.count), kPointThreads, 0, stream>>>(context, all, {log_odds, width, height, width});
-  CudaCheck(cudaGetLastError(), "launch odds of depths");
-  context.log_odds = {log_odds, width, height, width};
+  const ImageView<float> odds = {log_odds, width, height, width};
+  LaunchForRange("launch odds of depths", {0, static_cast<size_t>(width) * height}, width, stream,
+                 [=] __device__(int col, int row, size_t) { odds(col, row) = LogOdds(context, col, row); });
+  context.log_odds = odds;
   return context;
 }
 
 void LaunchFilterByConsistency(const FusionContext& context, const PixelRange& range,
                                const ImageView<float>& confidence, const PointOutput& output, cudaStream_t stream) {
-  FilterKernel<<<NumBlocks(range.count), kPointThreads, 0, stream>>>(context, range, confidence, output);
-  CudaCheck(cudaGetLastError(), "launch consistency check");
+  LaunchForRange("launch consistency check", range, confidence.width, stream,
+                 [=] __device__(int col, int row, size_t in_range) {
+                   SurfacePoint point = {};
+                   const bool accepted = CheckPixel(context, col, row, &confidence(col, row), &point);
+                   WritePoint(accepted, point, in_range, output);
+                 });
   size_t bytes = output.scratch_bytes;
   if (output.of_pixels != nullptr) GatherPoints(output, range.count, &bytes, stream);
 }
 
 void LaunchFuseView(const FusionContext& context, const PixelRange& range, const PointOutput& output,
                     cudaStream_t stream) {
-  FuseKernel<<<NumBlocks(range.count), kPointThreads, 0, stream>>>(context, range, output);
-  CudaCheck(cudaGetLastError(), "launch fusion");
+  LaunchForRange("launch fusion", range, context.stamps.width, stream,
+                 [=] __device__(int col, int row, size_t in_range) {
+                   SurfacePoint point = {};
+                   const bool accepted = FusePixel(context, col, row, &point);
+                   WritePoint(accepted, point, in_range, output);
+                 });
   size_t bytes = output.scratch_bytes;
   GatherPoints(output, range.count, &bytes, stream);
 }

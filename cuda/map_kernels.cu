@@ -1,38 +1,21 @@
-#include "map_kernels.h"
-
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/restore_detail.h"
-#include "cuda_resources.h"
-#include "warp_group.h"
+#include "kernels.h"
+#include "launch.h"
 
 namespace acmp {
 namespace {
 
-constexpr int kBlockWidth = 32;
-constexpr int kBlockHeight = 8;
+constexpr int kTallBlock = 8;  ///< rows of a block, where a thread does little
 constexpr int kWarp = 32;
-
-dim3 GridFor(int width, int height) {
-  return dim3((width + kBlockWidth - 1) / kBlockWidth, (height + kBlockHeight - 1) / kBlockHeight);
-}
-
-__device__ int Col() { return static_cast<int>(blockIdx.x * kBlockWidth + threadIdx.x); }
-__device__ int Row() { return static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y); }
-
-__global__ void ToDepthKernel(ImageView<const PlaneHypothesis> planes, RayGrid rays, float* depth) {
-  const int col = Col(), row = Row();
-  if (col >= planes.width || row >= planes.height) return;
-  const PlaneHypothesis plane = planes(col, row);
-  const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
-  depth[static_cast<size_t>(row) * planes.width + col] = plane.d > 0 ? PlaneDepth(plane, ray) : 0.0f;
-}
 
 /// The greatest of all threads' inverse depths. Floats that are not negative are in the order of their bits.
 __global__ void LargestInverseKernel(ImageView<const float> depth, unsigned* largest) {
-  const int col = Col(), row = Row();
+  const int col = static_cast<int>(blockIdx.x * kBlockWidth + threadIdx.x);
+  const int row = static_cast<int>(blockIdx.y * kTallBlock + threadIdx.y);
   const float inverse = depth.Contains(col, row) ? InverseOfDepth(depth(col, row)) : 0.0f;
   const unsigned of_warp = WarpGroup<kWarp>::Greatest(__float_as_uint(inverse));
-  __shared__ unsigned of_warps[kBlockHeight];
+  __shared__ unsigned of_warps[kTallBlock];
   static_assert(kBlockWidth == kWarp, "a row of the block is a warp");
   if (threadIdx.x == 0) of_warps[threadIdx.y] = of_warp;
   __syncthreads();
@@ -40,31 +23,6 @@ __global__ void LargestInverseKernel(ImageView<const float> depth, unsigned* lar
   unsigned of_block = 0;
   for (const unsigned value : of_warps) of_block = max(of_block, value);
   if (of_block > *static_cast<volatile unsigned*>(largest)) atomicMax(largest, of_block);
-}
-
-__global__ void HalveDepthKernel(ImageView<const float> depth, const float* largest, ImageView<uint16_t> inverse) {
-  const int col = Col(), row = Row();
-  if (!inverse.Contains(col, row)) return;
-  inverse(col, row) = StepsOfInverse(HalvedInverseDepth(depth, col, row), *largest / kInverseSteps);
-}
-
-__global__ void UpsampleKernel(HalvedMaps halved, RayGrid rays, ImageView<PlaneHypothesis> planes, float* cost) {
-  const int col = Col(), row = Row();
-  if (col >= planes.width || row >= planes.height) return;
-  const int from_col = CoveringPixel(col, halved.level, halved.planes.width);
-  const int from_row = CoveringPixel(row, halved.level, halved.planes.height);
-  planes(col, row) = UpsamplePlane(halved.planes(from_col, from_row),
-                                   halved.rays.Ray(static_cast<float>(from_col), static_cast<float>(from_row)),
-                                   rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-  cost[static_cast<size_t>(row) * planes.width + col] =
-      halved.cost[static_cast<size_t>(from_row) * halved.planes.width + from_col];
-}
-
-__global__ void FindSupportKernel(SupportSearch search, int cell_cols, int cell_rows, SupportPoint* cells) {
-  const int col = Col(), row = Row();
-  if (col >= cell_cols || row >= cell_rows) return;
-  cells[static_cast<size_t>(row) * cell_cols + col] = FindSupportPointOfCell(
-      search.depth, search.cost, search.depth_min, search.depth_max, search.max_cost, search.cell_size, col, row);
 }
 
 /// One warp per triangle, which fills its rows one after the other. No two triangles share a pixel.
@@ -93,51 +51,49 @@ __global__ void RasterizePriorKernel(PriorTriangles triangles, RayGrid rays, flo
   }
 }
 
-/// With scale 2 the position is the corner that four pixels share: the filter gives their mean.
-__global__ void FillLayerKernel(cudaTextureObject_t source, int source_layer, float scale,
-                                cudaSurfaceObject_t destination, LayerImage image, int layer_width, int layer_height) {
-  const int col = static_cast<int>(blockIdx.x * kBlockWidth + threadIdx.x);
-  const int row = static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y);
-  if (col >= layer_width || row >= layer_height) return;
-  const float x = scale * (static_cast<float>(min(col, image.width - 1)) + 0.5f);
-  const float y = scale * (static_cast<float>(min(row, image.height - 1)) + 0.5f);
-  const float value = tex2DLayered<float>(source, x, y, source_layer);
-  const auto texel = static_cast<unsigned short>(__float2uint_rn(65535.0f * __saturatef(value)));
-  surf2DLayeredwrite(texel, destination, col * static_cast<int>(sizeof(texel)), row, image.layer);
-}
-
 }  // namespace
 
-void LaunchToDepth(const ImageView<const PlaneHypothesis>& planes, const RayGrid& rays, float* depth,
+void LaunchToDepth(const ImageView<const PlaneHypothesis>& planes, const RayGrid& rays, const ImageView<float>& depth,
                    cudaStream_t stream) {
-  ToDepthKernel<<<GridFor(planes.width, planes.height), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(planes, rays,
-                                                                                                      depth);
-  CudaCheck(cudaGetLastError(), "launch depths");
+  const auto to_depth = [=] __device__(int col, int row) {
+    const PlaneHypothesis plane = planes(col, row);
+    const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
+    depth(col, row) = plane.d > 0 ? PlaneDepth(plane, ray) : 0.0f;
+  };
+  LaunchForEach("launch depths", planes.width, planes.height, stream, to_depth, kTallBlock);
 }
 
 void LaunchHalveDepth(const ImageView<const float>& depth, float* largest, const ImageView<uint16_t>& inverse,
                       cudaStream_t stream) {
   CudaCheck(cudaMemsetAsync(largest, 0, sizeof(float), stream), "clear the largest inverse depth");
-  const dim3 block(kBlockWidth, kBlockHeight);
-  LargestInverseKernel<<<GridFor(depth.width, depth.height), block, 0, stream>>>(depth,
-                                                                                 reinterpret_cast<unsigned*>(largest));
+  const dim3 grid(DivideUp(depth.width, kBlockWidth), DivideUp(depth.height, kTallBlock));
+  LargestInverseKernel<<<grid, dim3(kBlockWidth, kTallBlock), 0, stream>>>(depth, reinterpret_cast<unsigned*>(largest));
   CudaCheck(cudaGetLastError(), "launch search for the largest inverse depth");
-  HalveDepthKernel<<<GridFor(inverse.width, inverse.height), block, 0, stream>>>(depth, largest, inverse);
-  CudaCheck(cudaGetLastError(), "launch halving of depths");
+  const auto halve = [=] __device__(int col, int row) {
+    inverse(col, row) = StepsOfInverse(HalvedInverseDepth(depth, col, row), *largest / kInverseSteps);
+  };
+  LaunchForEach("launch halving of depths", inverse.width, inverse.height, stream, halve, kTallBlock);
 }
 
 void LaunchUpsample(const HalvedMaps& halved, const RayGrid& rays, const ImageView<PlaneHypothesis>& planes,
-                    float* cost, cudaStream_t stream) {
-  UpsampleKernel<<<GridFor(planes.width, planes.height), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(halved, rays,
-                                                                                                       planes, cost);
-  CudaCheck(cudaGetLastError(), "launch upsampling");
+                    const ImageView<float>& cost, cudaStream_t stream) {
+  const auto upsample = [=] __device__(int col, int row) {
+    const int from_col = CoveringPixel(col, halved.level, halved.planes.width);
+    const int from_row = CoveringPixel(row, halved.level, halved.planes.height);
+    planes(col, row) = UpsamplePlane(halved.planes(from_col, from_row),
+                                     halved.rays.Ray(static_cast<float>(from_col), static_cast<float>(from_row)),
+                                     rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+    cost(col, row) = halved.cost(from_col, from_row);
+  };
+  LaunchForEach("launch upsampling", planes.width, planes.height, stream, upsample, kTallBlock);
 }
 
-void LaunchFindSupport(const SupportSearch& search, SupportPoint* cells, cudaStream_t stream) {
-  const int cols = (search.depth.width + search.cell_size - 1) / search.cell_size;
-  const int rows = (search.depth.height + search.cell_size - 1) / search.cell_size;
-  FindSupportKernel<<<GridFor(cols, rows), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(search, cols, rows, cells);
-  CudaCheck(cudaGetLastError(), "launch support points");
+void LaunchFindSupport(const SupportSearch& search, const ImageView<SupportPoint>& cells, cudaStream_t stream) {
+  const auto find = [=] __device__(int col, int row) {
+    cells(col, row) = FindSupportPointOfCell(search.depth, search.cost, search.depth_min, search.depth_max,
+                                             search.max_cost, search.cell_size, col, row);
+  };
+  LaunchForEach("launch support points", cells.width, cells.height, stream, find, kTallBlock);
 }
 
 void LaunchRasterizePrior(const PriorTriangles& triangles, const RayGrid& rays, float depth_min, float depth_max,
@@ -146,18 +102,22 @@ void LaunchRasterizePrior(const PriorTriangles& triangles, const RayGrid& rays, 
   CudaCheck(cudaMemsetAsync(numbers.data, 0, bytes, stream), "clear the prior");
   if (triangles.count == 0) return;
   constexpr int kWarpsPerBlock = 8;
-  const int blocks = (triangles.count + kWarpsPerBlock - 1) / kWarpsPerBlock;
-  RasterizePriorKernel<<<blocks, kWarpsPerBlock * kWarp, 0, stream>>>(triangles, rays, depth_min, depth_max, numbers);
+  RasterizePriorKernel<<<DivideUp(triangles.count, kWarpsPerBlock), kWarpsPerBlock * kWarp, 0, stream>>>(
+      triangles, rays, depth_min, depth_max, numbers);
   CudaCheck(cudaGetLastError(), "launch planar prior");
 }
 
 void LaunchFillLayer(cudaTextureObject_t source, int source_layer, float scale, cudaSurfaceObject_t destination,
                      const LayerImage& image, int layer_width, int layer_height, cudaStream_t stream) {
-  const dim3 block(kBlockWidth, kBlockHeight);
-  const dim3 grid((layer_width + kBlockWidth - 1) / kBlockWidth, (layer_height + kBlockHeight - 1) / kBlockHeight);
-  FillLayerKernel<<<grid, block, 0, stream>>>(source, source_layer, scale, destination, image, layer_width,
-                                              layer_height);
-  CudaCheck(cudaGetLastError(), "launch texture fill");
+  // With scale 2 the position is the corner that four pixels share: the filter gives their mean.
+  const auto fill = [=] __device__(int col, int row) {
+    const float x = scale * (static_cast<float>(min(col, image.width - 1)) + 0.5f);
+    const float y = scale * (static_cast<float>(min(row, image.height - 1)) + 0.5f);
+    const float value = tex2DLayered<float>(source, x, y, source_layer);
+    const auto texel = static_cast<unsigned short>(__float2uint_rn(65535.0f * __saturatef(value)));
+    surf2DLayeredwrite(texel, destination, col * static_cast<int>(sizeof(texel)), row, image.layer);
+  };
+  LaunchForEach("launch texture fill", layer_width, layer_height, stream, fill, kTallBlock);
 }
 
 }  // namespace acmp

@@ -6,7 +6,7 @@
 #include <cstdint>
 
 #include "acmp_mapping/common/error.h"
-#include "map_kernels.h"
+#include "kernels.h"
 
 namespace acmp {
 namespace {

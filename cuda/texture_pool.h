@@ -12,9 +12,6 @@
 
 namespace acmp {
 
-/// Grey levels per unit of what a texture gives.
-constexpr float kGrayPerTexel = 255.0f;
-
 /// Owns grey images as the layers of one texture: bilinear, clamped to the border, pixel centres at +0.5. One texture
 /// for all, because threads of a warp that read different textures wait for each other. 16 bits hold 1/257 of a grey
 /// level and take half the cache of a float. Smaller images are continued to the layers' size by their last column and

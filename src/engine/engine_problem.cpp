@@ -21,14 +21,14 @@ void CheckView(const char* name, const EngineView& view) {
 
 PosedCamera PosedCameraOf(const std::string& name, const EngineView& view) {
   if (!view.frame) throw InvalidInputError(name + ": frame must not be null");
-  CheckCamera(name.c_str(), view.frame->camera);
+  CheckCamera(name, view.frame->camera);
   CheckPose(name.c_str(), view.cam_from_world());
   return {view.frame->camera, view.cam_from_world()};
 }
 
 FusionMaps CheckedMaps(const std::string& name, const FusionMaps& maps, const PinholeCamera& camera) {
-  CheckSize((name + ": estimate").c_str(), maps.depth.width, maps.depth.height, camera);
-  if (!maps.color.empty()) CheckSize((name + ": colours").c_str(), maps.color.width, maps.color.height, camera);
+  CheckSize(name + ": estimate", maps.depth.width, maps.depth.height, camera);
+  if (!maps.color.empty()) CheckSize(name + ": colours", maps.color.width, maps.color.height, camera);
   return maps;
 }
 
@@ -75,12 +75,6 @@ std::vector<MaskDistanceMap> MakeMaskDistances(const Frame& frame, int levels) {
   return mask_distances;
 }
 
-void CheckHandles(const EngineProblem& problem, int level) {
-  CheckRange("level", level, 0, kMaxLevels);
-  CheckView("reference", problem.reference);
-  for (const EngineView& source : problem.sources) CheckView("source view", source);
-}
-
 void CheckUpsample(const FramePtr& frame, int level, int width, int height) {
   if (!frame) throw InvalidInputError("frame: must not be null");
   CheckRange("level", level, 0, kMaxLevels);
@@ -88,7 +82,9 @@ void CheckUpsample(const FramePtr& frame, int level, int width, int height) {
 }
 
 PatchMatchProblem MakePatchMatchProblem(const EngineProblem& problem, int level) {
-  CheckHandles(problem, level);
+  CheckRange("level", level, 0, kMaxLevels);
+  CheckView("reference", problem.reference);
+  for (const EngineView& source : problem.sources) CheckView("source view", source);
   PatchMatchProblem result;
   result.reference = MakeMatchView(problem.reference);
   result.sources.reserve(problem.sources.size());

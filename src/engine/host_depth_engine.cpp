@@ -1,9 +1,7 @@
 #include "acmp_mapping/engine/host_depth_engine.h"
 
-#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
-#include <algorithm>
 #include <map>
 #include <mutex>
 #include <utility>
@@ -11,7 +9,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/fill/fill.h"
-#include "acmp_mapping/image/cells.h"
+#include "acmp_mapping/image/for_each_pixel.h"
 #include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/restore_detail.h"
 
@@ -73,32 +71,28 @@ const Handle& Cast(const std::shared_ptr<const Base>& handle) {
 /// Means of 2 x 2 pixels.
 GrayImage Halve(const ImageView<const float>& image) {
   GrayImage halved(image.width / 2, image.height / 2);
-  tbb::parallel_for(0, halved.height(), [&](int row) {
-    for (int col = 0; col < halved.width(); ++col) {
-      halved(col, row) = 0.25f * (image(2 * col, 2 * row) + image(2 * col + 1, 2 * row) + image(2 * col, 2 * row + 1) +
-                                  image(2 * col + 1, 2 * row + 1));
-    }
+  ForEachPixel(halved.width(), halved.height(), [&](int col, int row) {
+    halved(col, row) = 0.25f * (image(2 * col, 2 * row) + image(2 * col + 1, 2 * row) + image(2 * col, 2 * row + 1) +
+                                image(2 * col + 1, 2 * row + 1));
   });
   return halved;
 }
 
-PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) {
+/// @param with_depths of the sources' estimates, which must be of the same level
+PatchMatchProblem MakeProblem(const EngineProblem& problem, int level, bool with_depths) {
   PatchMatchProblem match = MakePatchMatchProblem(problem, level);
   Cast<HostImage>(problem.reference.image).SetPixels(level, &match.reference);
   for (size_t i = 0; i < match.sources.size(); ++i) {
-    Cast<HostImage>(problem.sources[i].image).SetPixels(level, &match.sources[i]);
+    const EngineView& source = problem.sources[i];
+    Cast<HostImage>(source.image).SetPixels(level, &match.sources[i]);
+    if (with_depths && source.estimate) match.sources[i].depth = Cast<HostEstimate>(source.estimate).depth.View();
   }
   return match;
 }
 
-/// With the depths of the sources' estimates, which must be of the same level.
-PatchMatchProblem MakeProblemWithDepths(const EngineProblem& problem, int level) {
-  PatchMatchProblem match = MakeProblem(problem, level);
-  for (size_t i = 0; i < match.sources.size(); ++i) {
-    const EngineEstimatePtr& estimate = problem.sources[i].estimate;
-    if (estimate) match.sources[i].depth = Cast<HostEstimate>(estimate).depth.View();
-  }
-  return match;
+int LevelOfEstimate(const EngineProblem& problem, const EngineEstimatePtr& estimate) {
+  const PlaneMap& planes = Cast<HostEstimate>(estimate).planes;
+  return LevelOf(problem, planes.width(), planes.height());
 }
 
 EstimateState MakeStart(const EngineEstimatePtr& estimate) {
@@ -106,13 +100,6 @@ EstimateState MakeStart(const EngineEstimatePtr& estimate) {
   if (!IsUnique(estimate)) return {host.planes.Clone(), host.cost.Clone()};
   auto& used_up = const_cast<HostEstimate&>(host);  // it was not made const, and nobody is left to see it
   return {std::move(used_up.planes), std::move(used_up.cost)};
-}
-
-template <class T>
-Image<T> CopyOf(const ImageView<const T>& view) {
-  Image<T> image(view.width, view.height);
-  tbb::parallel_for(0, view.height, [&](int row) { std::copy_n(&view(0, row), view.width, &image(0, row)); });
-  return image;
 }
 
 FusionMaps MapsOf(const EngineView& view) {
@@ -145,10 +132,19 @@ EngineEstimatePtr HostDepthEngine::Keep(const PinholeCamera& camera, const Work&
   return UploadState(std::move(state), camera);
 }
 
-EngineEstimatePtr HostDepthEngine::RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                                  int level) {
-  const PatchMatchProblem match = MakeProblem(problem, level);
-  return Keep(match.reference.camera, [&] { return acmp::RunPhotometric(match, options); });
+EngineEstimatePtr HostDepthEngine::RunPass(const EngineProblem& problem, const PatchMatchOptions& options,
+                                           EnginePass pass) {
+  const bool is_geometric = pass.kind == Pass::kGeometric;
+  const int level = is_geometric ? LevelOfEstimate(problem, pass.start) : pass.level;
+  const PatchMatchProblem match = MakeProblem(problem, level, is_geometric);
+  const PinholeCamera& camera = match.reference.camera;
+  PlaneMap prior;
+  if (pass.kind == Pass::kPlanarPrior) prior = RasterizePrior(camera, *pass.prior, match.depth_range);
+  return Keep(camera, [&] {
+    EstimateState start;
+    if (pass.kind != Pass::kPhotometric) start = MakeStart(pass.start);
+    return acmp::RunPass(match, options, pass.kind, std::move(start), prior.View(), pass.geometric_pass);
+  });
 }
 
 EngineEstimatePtr HostDepthEngine::Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) {
@@ -157,16 +153,13 @@ EngineEstimatePtr HostDepthEngine::Upsample(const EngineEstimatePtr& estimate, c
   const PinholeCamera& camera = frame->camera;
   EstimateState state = {PlaneMap(camera.width, camera.height), CostMap(camera.width, camera.height)};
   const RayGrid rays = MakeRayGrid(camera), halved_rays = MakeRayGrid(CameraAtLevel(camera, level));
-  tbb::parallel_for(0, camera.height, [&](int row) {
+  ForEachPixel(camera.width, camera.height, [&](int col, int row) {
+    const int from_col = CoveringPixel(col, level, halved.planes.width());
     const int from_row = CoveringPixel(row, level, halved.planes.height());
-    for (int col = 0; col < camera.width; ++col) {
-      const int from_col = CoveringPixel(col, level, halved.planes.width());
-      state.planes(col, row) =
-          UpsamplePlane(halved.planes(from_col, from_row),
-                        halved_rays.Ray(static_cast<float>(from_col), static_cast<float>(from_row)),
-                        rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-      state.cost(col, row) = halved.cost(from_col, from_row);
-    }
+    state.planes(col, row) = UpsamplePlane(halved.planes(from_col, from_row),
+                                           halved_rays.Ray(static_cast<float>(from_col), static_cast<float>(from_row)),
+                                           rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+    state.cost(col, row) = halved.cost(from_col, from_row);
   });
   return UploadState(std::move(state), camera);
 }
@@ -177,25 +170,9 @@ std::vector<SupportPoint> HostDepthEngine::FindSupportPoints(const EngineEstimat
   return acmp::FindSupportPoints(host.depth.View(), host.cost.View(), range, options);
 }
 
-EngineEstimatePtr HostDepthEngine::RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                                  EngineEstimatePtr start, const PriorMesh& prior) {
-  const PatchMatchProblem match = MakeProblem(problem, 0);
-  const PlaneMap planes = RasterizePrior(match.reference.camera, prior, match.depth_range);
-  return Keep(match.reference.camera,
-              [&] { return acmp::RunPlanarPrior(match, options, MakeStart(start), planes.View()); });
-}
-
-EngineEstimatePtr HostDepthEngine::RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                                EngineEstimatePtr start, int pass) {
-  const PlaneMap& planes = Cast<HostEstimate>(start).planes;
-  const PatchMatchProblem match = MakeProblemWithDepths(problem, LevelOf(problem, planes.width(), planes.height()));
-  return Keep(match.reference.camera, [&] { return acmp::RunGeometric(match, options, MakeStart(start), pass); });
-}
-
 EngineEstimatePtr HostDepthEngine::RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
                                                   EngineEstimatePtr start, const EngineEstimatePtr& coarser) {
-  const PlaneMap& planes = Cast<HostEstimate>(start).planes;
-  const PatchMatchProblem match = MakeProblem(problem, LevelOf(problem, planes.width(), planes.height()));
+  const PatchMatchProblem match = MakeProblem(problem, LevelOfEstimate(problem, start), false);
   const PlaneMap& halved = Cast<HostEstimate>(coarser).planes;
   return Keep(match.reference.camera,
               [&] { return acmp::RestoreDetails(match, options, MakeStart(start), halved.View()); });
@@ -215,7 +192,7 @@ EngineEstimatePtr HostDepthEngine::FillUnverified(const EngineProblem& problem, 
 }
 
 EngineEstimatePtr HostDepthEngine::RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) {
-  const PatchMatchProblem match = MakeProblemWithDepths(problem, 0);
+  const PatchMatchProblem match = MakeProblem(problem, 0, true);
   const PinholeCamera& camera = match.reference.camera;
   return Keep(camera, [&] {
     EstimateState state = MakeStart(start);
@@ -272,16 +249,14 @@ EngineEstimatePtr HostDepthEngine::UploadState(EstimateState state, const Pinhol
 EngineEstimatePtr HostDepthEngine::UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) {
   CheckUpload(maps, camera);
   auto estimate = std::make_shared<HostEstimate>();
-  estimate->depth = CopyOf(maps.depth);
-  estimate->cost = CopyOf(maps.cost);
+  estimate->depth = Clone(maps.depth);
+  estimate->cost = Clone(maps.cost);
   estimate->planes = PlaneMap(camera.width, camera.height);
   const RayGrid rays = MakeRayGrid(camera);
-  tbb::parallel_for(0, camera.height, [&](int row) {
-    for (int col = 0; col < camera.width; ++col) {
-      const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
-      const float depth = maps.depth(col, row);
-      if (depth > 0) estimate->planes(col, row) = PlaneThrough(maps.normal(col, row), ray, depth);
-    }
+  ForEachPixel(camera.width, camera.height, [&](int col, int row) {
+    const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
+    const float depth = maps.depth(col, row);
+    if (depth > 0) estimate->planes(col, row) = PlaneThrough(maps.normal(col, row), ray, depth);
   });
   return estimate;
 }

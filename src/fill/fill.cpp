@@ -1,28 +1,19 @@
 #include "acmp_mapping/fill/fill.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/fill/kernel/fill_grid.h"
 #include "acmp_mapping/fill/kernel/fill_pixel.h"
 #include "acmp_mapping/fill/kernel/weighted_median.h"
+#include "acmp_mapping/image/for_each_pixel.h"
 
 namespace acmp {
 namespace {
 
-/// Calls function(col, row) for all pixels or cells, rows in parallel.
-template <class Function>
-void ForEach(int width, int height, const Function& function) {
-  tbb::parallel_for(0, height, [&](int row) {
-    for (int col = 0; col < width; ++col) function(col, row);
-  });
-}
-
 /// FindNearestSeed for all cells and directions.
 void FindAllNearestSeeds(const FillContext& context) {
-  ForEach(context.nearest.width, context.nearest.height, [&](int col, int row) {
+  ForEachPixel(context.nearest.width, context.nearest.height, [&](int col, int row) {
     for (int direction = 0; direction < kNumDirections; ++direction) FindNearestSeed(context, col, row, direction);
   });
 }
@@ -30,8 +21,8 @@ void FindAllNearestSeeds(const FillContext& context) {
 Image<ViewSupport> CountAllSupportingViews(const FusionSetup& setup) {
   const FusionContext context = setup.Context(setup.sources().data());
   Image<ViewSupport> support(context.reference.depth.width, context.reference.depth.height);
-  ForEach(support.width(), support.height(),
-          [&](int col, int row) { support(col, row) = CountSupportingViews(context, col, row); });
+  ForEachPixel(support.width(), support.height(),
+               [&](int col, int row) { support(col, row) = CountSupportingViews(context, col, row); });
   return support;
 }
 
@@ -41,7 +32,7 @@ void FilterByMedian(const FusionSetup& setup, const FillContext& filled, Image<V
   const ImageView<PlaneHypothesis>& planes = filled.planes;
   const int width = planes.width, height = planes.height;
   DepthMap depth(width, height);
-  ForEach(width, height, [&](int col, int row) {
+  ForEachPixel(width, height, [&](int col, int row) {
     const PlaneHypothesis& plane = planes(col, row);
     if (!(plane.d > 0)) return;
     depth(col, row) = PlaneDepth(plane, filled.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
@@ -52,17 +43,11 @@ void FilterByMedian(const FusionSetup& setup, const FillContext& filled, Image<V
   PlaneMap filtered(width, height);
   const MedianContext median = {filled.rays,     filled.depth_min,        filled.depth_max, planes,     depth.View(),
                                 support->View(), context.reference.color, filtered.View(),  filled.cost};
-  ForEach(width, height, [&](int col, int row) {
+  ForEachPixel(width, height, [&](int col, int row) {
     if (IsFilled(filled.cost(col, row))) (*support)(col, row) = CountSupportingViews(context, col, row);
   });
-  ForEach(width, height, [&](int col, int row) { WeightedMedianPixel(median, col, row); });
-  ForEach(width, height, [&](int col, int row) { planes(col, row) = filtered(col, row); });
-}
-
-void CheckSizeIs(const char* name, int width, int height, int expected_width, int expected_height) {
-  if (width == expected_width && height == expected_height) return;
-  throw InvalidInputError(
-      Concat(name, " is ", width, " x ", height, ": must be ", expected_width, " x ", expected_height));
+  ForEachPixel(width, height, [&](int col, int row) { WeightedMedianPixel(median, col, row); });
+  ForEachPixel(width, height, [&](int col, int row) { planes(col, row) = filtered(col, row); });
 }
 
 }  // namespace
@@ -115,10 +100,10 @@ void FillUnverified(const FusionSetup& setup, const DepthRange& range, const Fil
   context.seeds = seeds.View();
   context.fitted = fitted.View();
   context.nearest = nearest.View();
-  ForEach(cell_cols, cell_rows, [&](int col, int row) { FindSeed(context, col, row, SingleThread()); });
-  ForEach(cell_cols, cell_rows, [&](int col, int row) { FitSeed(context, col, row, SingleThread()); });
+  ForEachPixel(cell_cols, cell_rows, [&](int col, int row) { FindSeed(context, col, row, SingleThread()); });
+  ForEachPixel(cell_cols, cell_rows, [&](int col, int row) { FitSeed(context, col, row, SingleThread()); });
   FindAllNearestSeeds(context);
-  ForEach(planes.width, planes.height, [&](int col, int row) { FillPixel(context, col, row); });
+  ForEachPixel(planes.width, planes.height, [&](int col, int row) { FillPixel(context, col, row); });
   if (options.weighted_median) FilterByMedian(setup, context, &support);
 }
 
@@ -136,16 +121,17 @@ void RemoveUnsupported(const PinholeCamera& camera, const ImageView<const float>
                        const ImageView<PlaneHypothesis>& planes, const ImageView<float>& cost) {
   FillContext context = MakeTexturedContext(camera, planes, cost);
   const int cell_cols = CellsOf(camera.width, context.cell_size), cell_rows = CellsOf(camera.height, context.cell_size);
-  CheckSizeIs("planes", planes.width, planes.height, camera.width, camera.height);
-  CheckSizeIs("cost", cost.width, cost.height, camera.width, camera.height);
-  CheckSizeIs("evidence", evidence.width, evidence.height, cell_cols, cell_rows);
+  CheckSize("planes", planes.width, planes.height, camera);
+  CheckSize("cost", cost.width, cost.height, camera);
+  CheckRange("columns of the evidence", evidence.width, cell_cols, cell_cols);
+  CheckRange("rows of the evidence", evidence.height, cell_rows, cell_rows);
   Image<SeedCell> textured(cell_cols, cell_rows);
   Image<NearestSeeds> nearest(cell_cols, cell_rows);
   context.fitted = textured.View();
   context.nearest = nearest.View();
-  ForEach(cell_cols, cell_rows, [&](int col, int row) { FindTexturedSeed(context, evidence, col, row); });
+  ForEachPixel(cell_cols, cell_rows, [&](int col, int row) { FindTexturedSeed(context, evidence, col, row); });
   FindAllNearestSeeds(context);
-  ForEach(camera.width, camera.height, [&](int col, int row) { RemoveUnsupportedPixel(context, col, row); });
+  ForEachPixel(camera.width, camera.height, [&](int col, int row) { RemoveUnsupportedPixel(context, col, row); });
 }
 
 }  // namespace acmp

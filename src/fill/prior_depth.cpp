@@ -1,7 +1,5 @@
 #include "acmp_mapping/fill/prior_depth.h"
 
-#include <tbb/parallel_for.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -15,6 +13,7 @@
 #include "acmp_mapping/fill/kernel/fill_pixel.h"
 #include "acmp_mapping/geometry/vector_conversion.h"
 #include "acmp_mapping/image/cells.h"
+#include "acmp_mapping/image/for_each_pixel.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 
 namespace acmp {
@@ -271,11 +270,9 @@ DepthMap KnownDepths(const Frame& frame, bool with_landmarks, const ImageView<co
     const int row = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, known.height() - 1);
     known(col, row) = static_cast<float>(z);
   }
-  tbb::parallel_for(0, known.height(), [&](int row) {
-    for (int col = 0; col < known.width(); ++col) {
-      if (!(planes(col, row).d > 0) || IsFilled(cost(col, row))) continue;
-      known(col, row) = PlaneDepth(planes(col, row), rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-    }
+  ForEachPixel(known.width(), known.height(), [&](int col, int row) {
+    if (!(planes(col, row).d > 0) || IsFilled(cost(col, row))) return;
+    known(col, row) = PlaneDepth(planes(col, row), rays.Ray(static_cast<float>(col), static_cast<float>(row)));
   });
   return known;
 }
@@ -305,13 +302,11 @@ FittedPriorDepth FitPriorDepth(ImageView<const float> prior, ImageView<const flo
   const int cell_size = SizeOfCells(prior.width, prior.height, kCellsAcross);
   const Image<float> factors = FitSurroundings(fit, pairs, prior.width, prior.height, cell_size, options.metric);
   FittedPriorDepth fitted = {DepthMap(prior.width, prior.height), {}};
-  tbb::parallel_for(0, prior.height, [&](int row) {
-    for (int col = 0; col < prior.width; ++col) {
-      if (!(prior(col, row) > 0)) continue;
-      const double inverse = fit.drift.dot(fit.DriftTerms(1.0 / prior(col, row), col, row));
-      const float z = static_cast<float>(factors(col / cell_size, row / cell_size) / inverse);
-      if (inverse > 0 && z >= range.min && z <= range.max) fitted.depth(col, row) = z;
-    }
+  ForEachPixel(prior.width, prior.height, [&](int col, int row) {
+    if (!(prior(col, row) > 0)) return;
+    const double inverse = fit.drift.dot(fit.DriftTerms(1.0 / prior(col, row), col, row));
+    const float z = static_cast<float>(factors(col / cell_size, row / cell_size) / inverse);
+    if (inverse > 0 && z >= range.min && z <= range.max) fitted.depth(col, row) = z;
   });
   return fitted;
 }
@@ -349,12 +344,10 @@ std::string UsePriorDepth(const Frame& frame, bool in_scale_of_frame, const Dept
   FittedPriorDepth fitted = FitPriorDepth(frame.prior_depth, known, range, options);
   if (fitted.depth.empty()) return std::move(fitted.rejection);
   const RayGrid rays = MakeRayGrid(frame.camera);
-  tbb::parallel_for(0, planes.height, [&](int row) {
-    for (int col = 0; col < planes.width; ++col) {
-      if (!(planes(col, row).d > 0 && cost(col, row) >= kWorstCost)) continue;
-      const PlaneHypothesis plane = PlaneOfPixel(fitted.depth, rays, col, row);
-      if (plane.d > 0) planes(col, row) = plane;
-    }
+  ForEachPixel(planes.width, planes.height, [&](int col, int row) {
+    if (!(planes(col, row).d > 0 && cost(col, row) >= kWorstCost)) return;
+    const PlaneHypothesis plane = PlaneOfPixel(fitted.depth, rays, col, row);
+    if (plane.d > 0) planes(col, row) = plane;
   });
   return {};
 }

@@ -8,6 +8,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/fusion/kernel/fuse_pixel.h"
 #include "acmp_mapping/geometry/vector_conversion.h"
+#include "acmp_mapping/image/for_each_pixel.h"
 
 namespace acmp {
 namespace {
@@ -59,17 +60,10 @@ PointCloud CollectPoints(const FusionSetup& setup, const MakePoint& make_point) 
 }  // namespace
 
 void Validate(const FusionOptions& options) {
-  if (!(options.max_reprojection_px > 0 && std::isfinite(options.max_reprojection_px))) {
-    throw InvalidInputError(
-        Concat("fusion.max_reprojection_px = ", options.max_reprojection_px, ": must be > 0 and finite"));
-  }
-  if (!(options.max_relative_depth > 0 && options.max_relative_depth < 1)) {
-    throw InvalidInputError(Concat("fusion.max_relative_depth = ", options.max_relative_depth, ": must be in (0, 1)"));
-  }
-  if (!(options.max_normal_angle_deg > 0 && options.max_normal_angle_deg <= 180)) {
-    throw InvalidInputError(
-        Concat("fusion.max_normal_angle_deg = ", options.max_normal_angle_deg, ": must be in (0, 180]"));
-  }
+  constexpr float kTiny = 1e-6f;  // stands for "greater than zero"
+  CheckRange("fusion.max_reprojection_px", options.max_reprojection_px, kTiny, 1e6f);
+  CheckRange("fusion.max_relative_depth", options.max_relative_depth, kTiny, 0.999f);
+  CheckRange("fusion.max_normal_angle_deg", options.max_normal_angle_deg, kTiny, 180.0f);
   CheckRange("fusion.min_consistent_views", options.min_consistent_views, 0, 32);
   CheckRange("fusion.min_confidence", options.min_confidence, 0.0f, 1.0f);
 }
@@ -100,9 +94,8 @@ void FusionSetup::AddSource(const PosedCamera& camera, const FusionMaps& maps, c
 
 Image<float> MeasureOdds(const FusionContext& context) {
   Image<float> log_odds(context.reference.depth.width, context.reference.depth.height);
-  tbb::parallel_for(0, log_odds.height(), [&](int row) {
-    for (int col = 0; col < log_odds.width(); ++col) log_odds(col, row) = LogOdds(context, col, row);
-  });
+  ForEachPixel(log_odds.width(), log_odds.height(),
+               [&](int col, int row) { log_odds(col, row) = LogOdds(context, col, row); });
   return log_odds;
 }
 

@@ -13,7 +13,7 @@ PinholeCamera PinholeCamera::Resized(int new_width, int new_height) const {
   return {new_width, new_height, fx * sx, fy * sy, (cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5};
 }
 
-void CheckCamera(const char* name, const PinholeCamera& camera) {
+void CheckCamera(const std::string& name, const PinholeCamera& camera) {
   if (camera.width <= 0 || camera.height <= 0) {
     throw InvalidInputError(Concat(name, ": image size ", camera.width, " x ", camera.height, ": must be positive"));
   }
@@ -25,6 +25,12 @@ void CheckCamera(const char* name, const PinholeCamera& camera) {
     throw InvalidInputError(
         Concat(name, ": principal point cx = ", camera.cx, ", cy = ", camera.cy, ": must be finite"));
   }
+}
+
+void CheckSize(const std::string& name, int width, int height, const PinholeCamera& camera) {
+  if (width == camera.width && height == camera.height) return;
+  throw InvalidInputError(
+      Concat(name, " size ", width, " x ", height, ": must be the camera's, ", camera.width, " x ", camera.height));
 }
 
 RayGrid MakeRayGrid(const PinholeCamera& camera) {

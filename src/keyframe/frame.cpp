@@ -31,12 +31,9 @@ Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamer
                 const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world,
                 const FrameOptions& options, const Mask& mask, const DepthMap& prior_depth) {
   const std::string name = Concat("frame ", id);
-  CheckCamera(name.c_str(), camera);
+  CheckCamera(name, camera);
   CheckPose(name.c_str(), cam_from_world);
-  if (color.width() != camera.width || color.height() != camera.height) {
-    throw InvalidInputError(Concat(name, ": image size ", color.width(), " x ", color.height(),
-                                   ": must be the camera's, ", camera.width, " x ", camera.height));
-  }
+  CheckSize(name + ": image", color.width(), color.height(), camera);
   if (!mask.empty() && (mask.width() != camera.width || mask.height() != camera.height)) {
     throw InvalidInputError(Concat(name, ": mask size ", mask.width(), " x ", mask.height(), ": must be the image's, ",
                                    camera.width, " x ", camera.height));

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <deque>
 #include <optional>
-#include <queue>
 #include <utility>
 #include <vector>
 
@@ -106,7 +105,7 @@ double AngleWeight(const Angles& angles, int i) {
   return std::exp(-0.5 * excess * excess);
 }
 
-/// A candidate that is useful and not chosen yet.
+/// A candidate that is useful.
 struct UsefulView {
   size_t index = 0;
   int priority = 0;
@@ -114,14 +113,15 @@ struct UsefulView {
   PerPoint weights = PerPoint::Zero();  ///< at the reference's points
   /// Sums of the chosen views' weights there, each times the cosine between the two baselines' directions.
   PerPoint seen = PerPoint::Zero();
-  double gain = 0;     ///< after the first `counted` chosen views; with more it can only be less
-  size_t counted = 0;  ///< of the chosen views
+  double gain = 0;
+  bool is_chosen = false;
 
-  void Count(const std::vector<const UsefulView*>& chosen) {
-    for (; counted < chosen.size(); ++counted) {
-      seen += std::max(0.0, direction.dot(chosen[counted]->direction)) * chosen[counted]->weights;
-    }
+  void Count(const UsefulView& chosen) {
+    seen += std::max(0.0, direction.dot(chosen.direction)) * chosen.weights;
     gain = (weights / (1 + seen)).mean();
+  }
+  bool IsBetterThan(const UsefulView& other) const {
+    return priority != other.priority ? priority > other.priority : gain > other.gain;
   }
 };
 
@@ -173,19 +173,6 @@ std::optional<UsefulView> Assess(const Reference& reference, const SourceViewCan
   return useful;
 }
 
-/// A useful view's place in the order of choice: the last goes first.
-struct Rank {
-  Rank(const UsefulView& view, size_t place) : priority(view.priority), gain(view.gain), place(place) {}
-  bool operator<(const Rank& other) const {
-    if (priority != other.priority) return priority < other.priority;
-    return gain != other.gain ? gain < other.gain : place > other.place;
-  }
-
-  int priority;
-  double gain;
-  size_t place;  ///< among the useful views: equal ones keep their order
-};
-
 }  // namespace
 
 void Validate(const SourceViewOptions& options) {
@@ -205,27 +192,19 @@ SourceViewSelection SelectSourceViews(const PosedCamera& reference, double typic
   const Reference scene(reference, typical_depth);
   SourceViewSelection selection;
   std::deque<UsefulView> useful;  // they are large: not in one piece
-  std::priority_queue<Rank> ranks;
   for (size_t i = 0; i < candidates.size(); ++i) {
-    const auto view = Assess(scene, candidates[i], i, &selection);
-    if (!view) continue;
-    ranks.emplace(*view, useful.size());
-    useful.push_back(*view);
+    if (const auto view = Assess(scene, candidates[i], i, &selection)) useful.push_back(*view);
   }
   const size_t wanted = std::min(useful.size(), static_cast<size_t>(options.max_source_views));
-  std::vector<const UsefulView*> chosen;
-  while (chosen.size() < wanted) {
-    const size_t place = ranks.top().place;
-    ranks.pop();
-    UsefulView& best = useful[place];
-    if (best.counted < chosen.size()) {  // those behind it can only be worse than they seem
-      best.Count(chosen);
-      ranks.emplace(best, place);
-      continue;
+  while (selection.views.size() < wanted) {
+    UsefulView* best = nullptr;
+    for (UsefulView& view : useful) {
+      if (!view.is_chosen && (best == nullptr || view.IsBetterThan(*best))) best = &view;
     }
-    chosen.push_back(&best);
-    selection.views.push_back({best.index, best.gain});
-    selection.gain += best.gain;
+    best->is_chosen = true;
+    selection.views.push_back({best->index, best->gain});
+    selection.gain += best->gain;
+    for (UsefulView& view : useful) view.Count(*best);
   }
   return selection;
 }

@@ -15,12 +15,6 @@
 namespace acmp {
 namespace {
 
-/// What a keyframe saw, as a depth map made of its points; empty without points.
-struct SeenDepth {
-  PinholeCamera camera;
-  DepthMap depth;
-};
-
 constexpr float kConfirmingDepth = 0.02f;  ///< relative: as fusion lets views agree
 constexpr float kClearlyFarther = 1.05f;
 
@@ -28,10 +22,10 @@ enum class Look : uint8_t { kNothing, kConfirms, kThrough };
 
 /// A point is looked through where all depths around it, 3 x 3 px, are known and clearly farther: beside an outline one
 /// of them is not.
-Look LookAtPoint(const SeenDepth& seen, const Eigen::Vector3d& point) {
+Look LookAtPoint(const SurfaceMaps& seen, const Eigen::Vector3d& point) {
   if (!(point.z() > 0)) return Look::kNothing;
-  const Eigen::Vector2d pixel = seen.camera.Project(point);
-  if (!seen.camera.Contains(pixel)) return Look::kNothing;
+  const Eigen::Vector2d pixel = seen.camera.camera.Project(point);
+  if (!seen.camera.camera.Contains(pixel)) return Look::kNothing;
   const int col = static_cast<int>(std::floor(pixel.x() + 0.5)), row = static_cast<int>(std::floor(pixel.y() + 0.5));
   const auto z = static_cast<float>(point.z());
   Look look = Look::kThrough;
@@ -54,28 +48,23 @@ bool HasGone(const LaterViews& views) {
   return views.through >= kSeveral && views.through > kOutweigh * views.confirming;
 }
 
-/// @param spacing of the points, > 0
-SeenDepth SeenDepthOf(const PointCloud& points_in_camera, double spacing) {
-  SurfaceMaps maps = SplatPoints(points_in_camera, RigidTransform::Identity(), spacing);
-  return {maps.camera.camera, std::move(maps.depth)};
-}
-
 /// Takes what a later keyframe saw to what is known of an earlier one's points. A point goes that three later keyframes
 /// or more see through, and more than twice as many as confirm it: it was never there, or has moved since. The odds of
 /// others rise by a fifth with each keyframe that confirms them, and fall by half with each that sees through them.
 /// Nothing changes where the keyframe sees through more points than it confirms: then the poses do not fit together.
-/// @param later_from_points from the points' frame, in which they are multiplied by `scale` first, to the later
-/// camera's
+/// @param seen what that one's points show (SplatPoints); empty without points
+/// @param later_from_points from the points' frame to the later camera's
 /// @param views one per point
 /// @return whether anything was changed
-bool TakeLaterView(const SeenDepth& seen, const RigidTransform& later_from_points, double scale, PointCloud* points,
+bool TakeLaterView(const SurfaceMaps& seen, const Similarity& later_from_points, PointCloud* points,
                    std::vector<LaterViews>* views) {
   constexpr float kConfirmed = 1.2f, kLookedThrough = 0.5f;
   if (seen.depth.empty()) return false;
   std::vector<Look> looks(points->size());
   tbb::parallel_for(size_t{0}, looks.size(), [&](size_t i) {
     const Vec3f& p = (*points)[i].position;
-    looks[i] = LookAtPoint(seen, later_from_points * (scale * Eigen::Vector3d(p.x, p.y, p.z)));
+    const Eigen::Vector3d scaled = later_from_points.scale * Eigen::Vector3d(p.x, p.y, p.z);
+    looks[i] = LookAtPoint(seen, later_from_points.rigid * scaled);
   });
   const auto confirming = std::count(looks.begin(), looks.end(), Look::kConfirms);
   if (confirming == 0 || std::count(looks.begin(), looks.end(), Look::kThrough) > confirming) return false;
@@ -99,15 +88,9 @@ bool TakeLaterView(const SeenDepth& seen, const RigidTransform& later_from_point
   return true;
 }
 
-/// Takes positions, multiplied by `scale` first, to another frame.
-struct ScaledPose {
-  RigidTransform target_from_source;
-  double scale = 1;
-};
-
 /// From an earlier keyframe's points to a later camera and the size of its points. In the world of refined poses, which
 /// fit best, where both have one.
-ScaledPose LaterFromEarlier(const KeyframePose& later, const CorrectedPose& later_corrected,
+Similarity LaterFromEarlier(const KeyframePose& later, const CorrectedPose& later_corrected,
                             const KeyframePose& earlier, const CorrectedPose& earlier_corrected) {
   RigidTransform later_from_world, world_from_earlier;
   double later_size, earlier_size;  // of what is 1 in that world
@@ -122,9 +105,9 @@ ScaledPose LaterFromEarlier(const KeyframePose& later, const CorrectedPose& late
     later_size = 1 / later_corrected.scale;
     earlier_size = 1 / earlier_corrected.scale;
   }
-  ScaledPose pose = {later_from_world * world_from_earlier, later_size / earlier_size};
-  pose.target_from_source.translation() *= later_size;
-  return pose;
+  Similarity later_from_earlier = {later_from_world * world_from_earlier, later_size / earlier_size};
+  later_from_earlier.rigid.translation() *= later_size;
+  return later_from_earlier;
 }
 
 }  // namespace
@@ -185,17 +168,18 @@ bool MapStore::LookAroundNext() {
     }
   }
   const auto seen_by = [&](const Keyframe& keyframe) {
-    return SeenDepthOf(*keyframe.points_in_camera, PointSpacing(*keyframe.points_in_camera, voxel_size));
+    const PointCloud& points = *keyframe.points_in_camera;
+    return SplatPoints(points, RigidTransform::Identity(), PointSpacing(points, voxel_size));
   };
-  const auto take = [](const SeenDepth& seen, const Keyframe& later, Keyframe* earlier) {
-    const ScaledPose pose = LaterFromEarlier(later.as_sent, later.pose, earlier->as_sent, earlier->pose);
+  const auto take = [](const SurfaceMaps& seen, const Keyframe& later, Keyframe* earlier) {
+    const Similarity pose = LaterFromEarlier(later.as_sent, later.pose, earlier->as_sent, earlier->pose);
     auto points = std::make_shared<PointCloud>(*earlier->points_in_camera);
-    if (TakeLaterView(seen, pose.target_from_source, pose.scale, points.get(), &earlier->later_views)) {
+    if (TakeLaterView(seen, pose, points.get(), &earlier->later_views)) {
       earlier->points_in_camera = std::move(points);
     }
   };
   Keyframe& added = all[0].keyframe;
-  const SeenDepth seen = seen_by(added);
+  const SurfaceMaps seen = seen_by(added);
   for (size_t i = 1; i < all.size(); ++i) {
     Keyframe& other = all[i].keyframe;
     if (other.pose.stamp_ns < added.pose.stamp_ns) take(seen, added, &other);

@@ -109,11 +109,6 @@ void NameKeyframes(const std::vector<StampedPose>& path, const Surroundings& all
 
 }  // namespace
 
-void SortPath(std::vector<StampedPose>* path) {
-  std::stable_sort(path->begin(), path->end(),
-                   [](const StampedPose& a, const StampedPose& b) { return a.stamp_ns < b.stamp_ns; });
-}
-
 ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& same, const Surroundings& allowed,
                     const std::vector<CorrectedPose*>& keyframes) {
   ReposeResult result;

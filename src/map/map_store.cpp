@@ -182,7 +182,8 @@ bool MapStore::Replace(const KeyframeKey& key, const KeyframePose& pose, const P
 
 ReposeResult MapStore::Repose(std::vector<StampedPose> path) {
   if (path.empty()) return {};
-  SortPath(&path);
+  std::stable_sort(path.begin(), path.end(),
+                   [](const StampedPose& a, const StampedPose& b) { return a.stamp_ns < b.stamp_ns; });
   std::lock_guard<std::mutex> lock(mutex_);
   path_ = std::move(path);
   ++statistics_.paths;

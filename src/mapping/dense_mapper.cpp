@@ -21,19 +21,14 @@ static_assert(kMaxSelectedViews == kMaxSourceViews, "no more views are chosen th
 /// MakeFrame guarantees this; frames from elsewhere must not reach the kernels with sizes that do not fit.
 void CheckFrame(const Frame& frame) {
   const std::string name = Concat("keyframe ", frame.id);
-  CheckCamera(name.c_str(), frame.camera);
+  CheckCamera(name, frame.camera);
   CheckPose(name.c_str(), frame.cam_from_world);
-  const auto fits = [&](int width, int height) { return width == frame.camera.width && height == frame.camera.height; };
-  if (!fits(frame.gray.width(), frame.gray.height()) ||
-      !(frame.color.empty() || fits(frame.color.width(), frame.color.height()))) {
-    throw InvalidInputError(Concat(
-        name, ": image sizes ", frame.gray.width(), " x ", frame.gray.height(), " (grey), ", frame.color.width(), " x ",
-        frame.color.height(), " (colour): must be the camera's, ", frame.camera.width, " x ", frame.camera.height));
-  }
-  if (!frame.mask.empty() && !fits(frame.mask.width(), frame.mask.height())) {
-    throw InvalidInputError(Concat(name, ": mask size ", frame.mask.width(), " x ", frame.mask.height(),
-                                   ": must be the camera's, ", frame.camera.width, " x ", frame.camera.height));
-  }
+  const auto check_size = [&](const char* what, const auto& map) {
+    CheckSize(name + ": " + what, map.width(), map.height(), frame.camera);
+  };
+  check_size("image", frame.gray);
+  if (!frame.color.empty()) check_size("colour image", frame.color);
+  if (!frame.mask.empty()) check_size("mask", frame.mask);
   if (IgnoresAll(frame.mask)) throw InvalidInputError(name + ": its mask ignores every pixel");
 }
 
@@ -192,29 +187,24 @@ struct DenseMapper::Impl {
   }
 
   void Initialise(const WindowKeyframePtr& keyframe, int min_source_views) {
-    const SourceViews sources = window.SelectSources(*keyframe);
+    KeyframeSteps steps = {keyframe, window.SelectSources(*keyframe)};
+    const SourceViews& sources = steps.sources;
     if (sources.keyframes.size() < static_cast<size_t>(min_source_views) && sources.num_of_capture == 0) return;
-    FinishedEstimate estimate;
-    if (!Try(keyframe, [&] { estimate = estimator.Initialise(keyframe.get(), sources); })) return;
+    if (!Try(keyframe, [&] { estimator.Initialise(&steps); })) return;
     keyframe->state = State::kInitialised;
-    outputs.SubmitFast(keyframe, std::move(estimate));
+    outputs.SubmitFast(std::move(steps));
   }
 
   void Refine(const WindowKeyframePtr& keyframe) {
-    KeyframeAndSources due = {keyframe, window.SelectSources(*keyframe)};
+    KeyframeSteps due = {keyframe, window.SelectSources(*keyframe)};
     // Its first views may have left the window meanwhile.
     if (due.sources.keyframes.empty()) return DropForMissingViews(keyframe, 1);
     TakeSteps({std::move(due)});
   }
 
-  struct KeyframeAndSources {
-    WindowKeyframePtr keyframe;
-    SourceViews sources;
-  };
-
   /// If any would gain, those whose views have not become worse as well, for they read each other.
-  std::vector<KeyframeAndSources> DueAgain(const Turns& turns) const {
-    std::vector<KeyframeAndSources> due;
+  std::vector<KeyframeSteps> DueAgain(const Turns& turns) const {
+    std::vector<KeyframeSteps> due;
     bool any_gains = false;
     for (const WindowKeyframePtr& keyframe : window.Images()) {
       const size_t later = window.NumLaterThan(*keyframe);
@@ -231,53 +221,56 @@ struct DenseMapper::Impl {
   }
 
   /// All steps after the first, side by side.
-  void TakeSteps(const std::vector<KeyframeAndSources>& due) {
-    std::vector<KeyframeRefinement> members;
-    members.reserve(due.size());
-    for (const KeyframeAndSources& next : due) members.push_back({next.keyframe, next.sources});
+  void TakeSteps(std::vector<KeyframeSteps> members) {
+    const bool is_alone = members.size() == 1;
+    std::vector<WindowKeyframePtr> sharing;
+    sharing.reserve(members.size());
     const auto for_each = [&](const auto& work) {
-      std::vector<KeyframeRefinement> going_on;
-      for (KeyframeRefinement& member : members) {
+      std::vector<KeyframeSteps> going_on;
+      for (KeyframeSteps& member : members) {
         if (Try(member.keyframe, [&] { work(&member); })) going_on.push_back(std::move(member));
       }
       members = std::move(going_on);
-      if (due.size() == 1) return;  // an estimate that nobody else holds gives the next one its memory
-      for (const KeyframeRefinement& member : members) member.keyframe->shared = member.problem.reference.estimate;
+      if (is_alone) return;  // an estimate that nobody else holds gives the next one its memory
+      for (const KeyframeSteps& member : members) member.keyframe->shared = member.problem.reference.estimate;
     };
-    for_each([&](KeyframeRefinement* member) {
-      const WindowKeyframePtr& keyframe = member->keyframe;
-      if (NeedsNewInitial(*keyframe, member->sources)) estimator.Initialise(keyframe.get(), member->sources);
-      BringUpToDate(keyframe.get(), member->sources);
-      *member = estimator.Begin(keyframe, member->sources, window.NumLaterThan(*keyframe) < kEnoughLaterKeyframes);
+    for (const KeyframeSteps& member : members) sharing.push_back(member.keyframe);
+    for_each([&](KeyframeSteps* member) {
+      if (NeedsNewInitial(*member->keyframe, member->sources)) estimator.Initialise(member);
+      BringUpToDate(*member);
+      estimator.Begin(member, window.NumLaterThan(*member->keyframe) < kEnoughLaterKeyframes);
     });
     for (size_t step = 1; step < estimator.num_steps(); ++step) {
-      for_each([&](KeyframeRefinement* member) { estimator.Step(step, member); });
+      for_each([&](KeyframeSteps* member) { estimator.Step(step, member); });
     }
-    for_each([&](KeyframeRefinement* member) { Submit(member->keyframe, estimator.Finish(*member)); });
-    for (const KeyframeAndSources& done : due) done.keyframe->shared.reset();
+    for_each([&](KeyframeSteps* member) {
+      estimator.Finish(member);
+      Submit(*member);
+    });
+    for (const WindowKeyframePtr& keyframe : sharing) keyframe->shared.reset();
   }
 
   /// Makes initial estimates that the keyframe's passes read: those of its companions, and anew those of others if
   /// poses have moved since. Where it fails, that is told, and the old estimate or none is read: it is not the fault of
   /// the keyframe that reads it.
-  void BringUpToDate(WindowKeyframe* keyframe, const SourceViews& sources) {
-    for (size_t i = 0; i < sources.keyframes.size(); ++i) {
-      const WindowKeyframePtr& source = sources.keyframes[i];
-      const bool is_missing = i < sources.num_of_capture && !source->is_mapped && !source->initial;
+  void BringUpToDate(const KeyframeSteps& steps) {
+    for (size_t i = 0; i < steps.sources.keyframes.size(); ++i) {
+      const WindowKeyframePtr& source = steps.sources.keyframes[i];
+      const bool is_missing = i < steps.sources.num_of_capture && !source->is_mapped && !source->initial;
       const bool is_read = source->initial && source->EstimateForPasses() == source->initial;
       if (!is_missing && !(is_read && HaveMoved(*source, source->initial_views))) continue;
-      const SourceViews its_sources = window.SelectSources(*source);
-      if (its_sources.keyframes.empty()) continue;
-      const auto failure = CatchFailure([&] { estimator.Initialise(source.get(), its_sources); });
+      KeyframeSteps of_source = {source, window.SelectSources(*source)};
+      if (of_source.sources.keyframes.empty()) continue;
+      const auto failure = CatchFailure([&] { estimator.Initialise(&of_source); });
       stop->Check();
       if (failure) ReportFailedAgain(*source, *failure);
-      if (!source->is_mapped) keyframe->times += std::exchange(source->times, {});
+      if (!source->is_mapped) steps.keyframe->times += std::exchange(source->times, {});
     }
   }
 
-  void Submit(const WindowKeyframePtr& keyframe, FinishedEstimate estimate) {
-    const bool again = std::exchange(keyframe->state, State::kFinished) == State::kFinished;
-    outputs.SubmitRefined(keyframe, std::move(estimate), options.pipeline.fusion, again);
+  void Submit(KeyframeSteps steps) {
+    const bool again = std::exchange(steps.keyframe->state, State::kFinished) == State::kFinished;
+    outputs.SubmitRefined(std::move(steps), options.pipeline.fusion, again);
   }
 
   /// Does something for a keyframe. Where it fails nobody else is concerned: a keyframe that has had its refined maps

@@ -1,11 +1,11 @@
 #include "keyframe_estimator.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <utility>
+
+#include "acmp_mapping/image/for_each_pixel.h"
 
 namespace acmp {
 namespace {
@@ -79,16 +79,14 @@ Image<unsigned char> FindMovedPixels(const EngineView& reference, const std::vec
   pairs.reserve(views.size());
   for (const InstantView& view : views) pairs.emplace_back(reference, view);
   Image<unsigned char> differs(width, height, 0);
-  tbb::parallel_for(0, height, [&](int row) {
-    for (int col = 0; col < width; ++col) {
-      const double all = matched(col, row), own = instant(col, row);
-      if (!(all > 0 && own > 0)) continue;
-      const Eigen::Vector2d pixel(col, row);
-      differs(col, row) = std::any_of(pairs.begin(), pairs.end(), [&](const InstantPair& pair) {
-        const std::optional<double> of_own = pair.Error(pixel, own), of_all = pair.Error(pixel, all);
-        return of_own && of_all && (*of_own < kConfirmed_px) && (*of_all > kContradicted_px);
-      });
-    }
+  ForEachPixel(width, height, [&](int col, int row) {
+    const double all = matched(col, row), own = instant(col, row);
+    if (!(all > 0 && own > 0)) return;
+    const Eigen::Vector2d pixel(col, row);
+    differs(col, row) = std::any_of(pairs.begin(), pairs.end(), [&](const InstantPair& pair) {
+      const std::optional<double> of_own = pair.Error(pixel, own), of_all = pair.Error(pixel, all);
+      return of_own && of_all && (*of_own < kConfirmed_px) && (*of_all > kContradicted_px);
+    });
   });
   // Sums over rectangles from the first pixel on.
   Image<int> sums(width + 1, height + 1, 0);
@@ -99,14 +97,12 @@ Image<unsigned char> FindMovedPixels(const EngineView& reference, const std::vec
   }
   const int reach = std::max(2, width / 64);
   Image<unsigned char> moved(width, height, 0);
-  tbb::parallel_for(0, height, [&](int row) {
-    for (int col = 0; col < width; ++col) {
-      if (!(instant(col, row) > 0)) continue;
-      const int left = std::max(0, col - reach), right = std::min(width, col + reach + 1);
-      const int top = std::max(0, row - reach), bottom = std::min(height, row + reach + 1);
-      const int around = sums(right, bottom) - sums(left, bottom) - sums(right, top) + sums(left, top);
-      moved(col, row) = around >= kMinShare * (right - left) * (bottom - top) ? 1 : 0;
-    }
+  ForEachPixel(width, height, [&](int col, int row) {
+    if (!(instant(col, row) > 0)) return;
+    const int left = std::max(0, col - reach), right = std::min(width, col + reach + 1);
+    const int top = std::max(0, row - reach), bottom = std::min(height, row + reach + 1);
+    const int around = sums(right, bottom) - sums(left, bottom) - sums(right, top) + sums(left, top);
+    moved(col, row) = around >= kMinShare * (right - left) * (bottom - top) ? 1 : 0;
   });
   return moved;
 }
@@ -122,61 +118,56 @@ EngineView KeyframeEstimator::MakeView(WindowKeyframe* keyframe) {
   return {keyframe->frame, keyframe->image, nullptr, keyframe->pose.refined};
 }
 
-EngineProblem KeyframeEstimator::MakeProblem(WindowKeyframe* keyframe, const SourceViews& sources) {
+void KeyframeEstimator::SetUp(KeyframeSteps* steps) {
+  WindowKeyframe& keyframe = *steps->keyframe;
   EngineProblem problem;
-  problem.reference = MakeView(keyframe);
-  for (const WindowKeyframePtr& source : sources.keyframes) problem.sources.push_back(MakeView(source.get()));
-  const float scale = keyframe->pose.placed.scale;
-  problem.depth_range = {keyframe->range.min / scale, keyframe->range.max / scale};
-  return problem;
+  problem.reference = MakeView(&keyframe);
+  for (const WindowKeyframePtr& source : steps->sources.keyframes) problem.sources.push_back(MakeView(source.get()));
+  steps->placed = keyframe.pose.placed;
+  problem.depth_range = {keyframe.range.min / steps->placed.scale, keyframe.range.max / steps->placed.scale};
+  steps->problem = std::move(problem);
 }
 
-FinishedEstimate KeyframeEstimator::Initialise(WindowKeyframe* keyframe, const SourceViews& sources) {
-  EngineProblem problem = MakeProblem(keyframe, sources);
-  problem.reference.estimate = estimator_.Run(estimator_.schedule().front(), problem);
-  keyframe->initial = problem.reference.estimate;
-  keyframe->initial_score = sources.score;
-  keyframe->initial_views = MatchedViews(problem, sources);
-  keyframe->times += estimator_.last_times();
-  return {std::move(problem), sources.Ids(), keyframe->pose.placed, keyframe->times};
+void KeyframeEstimator::Initialise(KeyframeSteps* steps) {
+  SetUp(steps);
+  WindowKeyframe& keyframe = *steps->keyframe;
+  keyframe.initial = estimator_.Run(estimator_.schedule().front(), steps->problem);
+  keyframe.initial_score = steps->sources.score;
+  keyframe.initial_views = MatchedViews(steps->problem, steps->sources);
+  keyframe.times += estimator_.last_times();
+  steps->problem.reference.estimate = keyframe.initial;
+  steps->times = keyframe.times;
 }
 
-KeyframeRefinement KeyframeEstimator::Begin(const WindowKeyframePtr& keyframe, const SourceViews& sources,
-                                            bool lacks_future_views) {
-  KeyframeRefinement refinement;
-  refinement.keyframe = keyframe;
-  refinement.sources = sources;
-  refinement.problem = MakeProblem(keyframe.get(), sources);
-  refinement.problem.reference.estimate = keyframe->initial;
-  refinement.lacks_future_views = lacks_future_views;
-  refinement.times = keyframe->times;
-  return refinement;
+void KeyframeEstimator::Begin(KeyframeSteps* steps, bool lacks_future_views) {
+  SetUp(steps);
+  steps->problem.reference.estimate = steps->keyframe->initial;
+  steps->lacks_future_views = lacks_future_views;
+  steps->times = steps->keyframe->times;
 }
 
-void KeyframeEstimator::Step(size_t step, KeyframeRefinement* refinement) {
-  EngineProblem problem = refinement->problem;
+void KeyframeEstimator::Step(size_t step, KeyframeSteps* steps) {
+  EngineProblem problem = steps->problem;
   const KeyframeStep& kind = estimator_.schedule()[step];
-  if (kind.kind == KeyframeStep::Kind::kFillUnverified) {
-    if (refinement->lacks_future_views) refinement->after_passes = problem.reference.estimate;
-    ReadEstimates(refinement->sources, &WindowKeyframe::EstimateAfterPasses, &problem);
-  } else {
-    ReadEstimates(refinement->sources, &WindowKeyframe::EstimateForPasses, &problem);
-  }
-  refinement->problem.reference.estimate.reset();  // a pass continues in memory that nobody else holds
-  refinement->problem.reference.estimate = estimator_.Run(kind, std::move(problem));
-  refinement->times += estimator_.last_times();
-  refinement->prior_depth_rejection = estimator_.prior_depth_rejection();
+  const bool is_last = kind.kind == KeyframeStep::Kind::kFillUnverified;
+  if (is_last && steps->lacks_future_views) steps->after_passes = problem.reference.estimate;
+  ReadEstimates(steps->sources, is_last ? &WindowKeyframe::EstimateAfterPasses : &WindowKeyframe::EstimateForPasses,
+                &problem);
+  steps->problem.reference.estimate.reset();  // a pass continues in memory that nobody else holds
+  steps->problem.reference.estimate = estimator_.Run(kind, std::move(problem));
+  steps->times += estimator_.last_times();
+  steps->prior_depth_rejection = estimator_.prior_depth_rejection();
 }
 
-void KeyframeEstimator::KeepInstant(KeyframeRefinement* refinement) {
-  const SourceViews& sources = refinement->sources;
+void KeyframeEstimator::KeepInstant(KeyframeSteps* steps) {
+  const SourceViews& sources = steps->sources;
   if (sources.num_of_capture == 0 || sources.num_of_capture == sources.keyframes.size()) return;
-  EngineProblem own = refinement->problem;
+  EngineProblem own = steps->problem;
   own.sources.resize(sources.num_of_capture);
   const EngineEstimatePtr matched = own.reference.estimate;
   own.reference.estimate.reset();
   const EngineEstimatePtr instant = estimator_.Run(estimator_.schedule().front(), own);
-  refinement->times += estimator_.last_times();
+  steps->times += estimator_.last_times();
   std::vector<InstantView> views;
   for (size_t i = 0; i < own.sources.size(); ++i) {
     const EngineEstimatePtr& estimate = sources.keyframes[i]->EstimateForPasses();
@@ -192,24 +183,22 @@ void KeyframeEstimator::KeepInstant(KeyframeRefinement* refinement) {
     state.planes.data()[i] = of_instant.planes.data()[i];
     state.cost.data()[i] = of_instant.cost.data()[i];
   }
-  refinement->problem.reference.estimate = engine_->UploadState(std::move(state), own.reference.frame->camera);
+  steps->problem.reference.estimate = engine_->UploadState(std::move(state), own.reference.frame->camera);
 }
 
-FinishedEstimate KeyframeEstimator::Finish(KeyframeRefinement refinement) {
-  KeepInstant(&refinement);
-  WindowKeyframe& keyframe = *refinement.keyframe;
-  EngineProblem& problem = refinement.problem;
-  ReadEstimates(refinement.sources, &WindowKeyframe::EstimateAfterPasses, &problem);
+void KeyframeEstimator::Finish(KeyframeSteps* steps) {
+  KeepInstant(steps);
+  WindowKeyframe& keyframe = *steps->keyframe;
+  ReadEstimates(steps->sources, &WindowKeyframe::EstimateAfterPasses, &steps->problem);
   // Without its future views others read the maps from before the last filling. Filled pixels confirm nothing, so
   // theirs would be filled there, too, and so on from keyframe to keyframe.
-  keyframe.refined = refinement.after_passes ? refinement.after_passes : problem.reference.estimate;
-  keyframe.lacks_future_views = refinement.lacks_future_views;
-  keyframe.refined_score = refinement.sources.score;
-  keyframe.refined_views = MatchedViews(problem, refinement.sources);
+  keyframe.refined =
+      steps->after_passes ? std::move(steps->after_passes) : EngineEstimatePtr(steps->problem.reference.estimate);
+  keyframe.lacks_future_views = steps->lacks_future_views;
+  keyframe.refined_score = steps->sources.score;
+  keyframe.refined_views = MatchedViews(steps->problem, steps->sources);
   keyframe.times = StageTimes();
-  if (!refinement.lacks_future_views) keyframe.initial.reset();
-  return {std::move(problem), refinement.sources.Ids(), keyframe.pose.placed, refinement.times,
-          std::move(refinement.prior_depth_rejection)};
+  if (!steps->lacks_future_views) keyframe.initial.reset();
 }
 
 }  // namespace acmp

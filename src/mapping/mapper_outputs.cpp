@@ -13,17 +13,17 @@ void Scale(float scale, DepthMap* depths) {
   for (float& depth : *depths) depth *= scale;
 }
 
-std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const FinishedEstimate& estimate) {
+std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const KeyframeSteps& steps) {
   auto maps = std::make_shared<KeyframeDepth>();
-  maps->frame = estimate.problem.reference.frame;
-  const DepthRange& range = estimate.problem.depth_range;
-  maps->cam_from_world = estimate.placed.cam_from_world;
-  maps->refined_camera = estimate.placed.refined;
-  maps->pose_fit = estimate.placed.fit;
-  maps->range = {estimate.placed.scale * range.min, estimate.placed.scale * range.max};
-  maps->source_ids = estimate.source_ids;
-  maps->times = estimate.times;
-  maps->prior_depth_rejection = estimate.prior_depth_rejection;
+  maps->frame = steps.problem.reference.frame;
+  const DepthRange& range = steps.problem.depth_range;
+  maps->cam_from_world = steps.placed.cam_from_world;
+  maps->refined_camera = steps.placed.refined;
+  maps->pose_fit = steps.placed.fit;
+  maps->range = {steps.placed.scale * range.min, steps.placed.scale * range.max};
+  maps->source_ids = steps.sources.Ids();
+  maps->times = steps.times;
+  maps->prior_depth_rejection = steps.prior_depth_rejection;
   return maps;
 }
 
@@ -43,119 +43,61 @@ PointLosses FindPointLosses(const EngineProblem& problem, const FusionOptions& c
 
 }  // namespace
 
-OutputQueue::OutputQueue(bool has_thread) {
-  if (has_thread) thread_ = std::thread([this] { Run(); });
-}
-
-OutputQueue::~OutputQueue() {
-  std::deque<Job> discarded;
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    stopped_ = true;
-    discarded.swap(jobs_);
-  }
-  discarded.clear();  // without the lock: jobs may own anything
-  given_.notify_one();
-  if (thread_.joinable()) thread_.join();
-}
-
-void OutputQueue::Submit(Job job) {
-  if (!thread_.joinable()) return job();
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    jobs_.push_back(std::move(job));
-    ++unfinished_;
-  }
-  given_.notify_one();
-  WaitForFewerThan(kMaxJobs);
-}
-
-void OutputQueue::WaitForAll() { WaitForFewerThan(1); }
-
-void OutputQueue::WaitForFewerThan(size_t jobs) {
-  std::unique_lock<std::mutex> lock(mutex_);
-  done_.wait(lock, [&] { return unfinished_ < jobs; });
-  if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
-}
-
-void OutputQueue::Run() {
-  std::unique_lock<std::mutex> lock(mutex_);
-  for (;;) {
-    given_.wait(lock, [this] { return stopped_ || !jobs_.empty(); });
-    if (stopped_) return;
-    Job job = std::move(jobs_.front());
-    jobs_.pop_front();
-    lock.unlock();
-    std::exception_ptr failure;
-    try {
-      job();
-    } catch (...) {
-      failure = std::current_exception();
-    }
-    job = nullptr;  // what it holds goes before its giver hears that it is done
-    lock.lock();
-    if (!failure_) failure_ = failure;
-    --unfinished_;
-    done_.notify_one();
-  }
-}
-
 std::string DescribeReset(const Frame& frame) { return Concat("keyframe ", frame.id, ": forgotten by a reset"); }
 
 std::string DescribeFailedAgain(int64_t id, const Failure& failure) {
   return Concat("keyframe ", id, " could not be refined again: ", failure.message);
 }
 
-KeyframeDepthPtr MapperOutputs::MakeFast(const FinishedEstimate& estimate) const {
-  auto maps = MakeWithoutMaps(estimate);
-  maps->depth = engine_->DownloadDepth(estimate.problem.reference.estimate);
-  Scale(estimate.placed.scale, &maps->depth);
+KeyframeDepthPtr MapperOutputs::MakeFast(const KeyframeSteps& steps) const {
+  auto maps = MakeWithoutMaps(steps);
+  maps->depth = engine_->DownloadDepth(steps.problem.reference.estimate);
+  Scale(steps.placed.scale, &maps->depth);
   return maps;
 }
 
-KeyframeDepthPtr MapperOutputs::MakeRefined(const FinishedEstimate& estimate, const FusionOptions& consistency) const {
-  auto maps = MakeWithoutMaps(estimate);
-  EstimateMaps estimate_maps = engine_->Download(estimate.problem.reference.estimate);
+KeyframeDepthPtr MapperOutputs::MakeRefined(const KeyframeSteps& steps, const FusionOptions& consistency) const {
+  auto maps = MakeWithoutMaps(steps);
+  EstimateMaps estimate_maps = engine_->Download(steps.problem.reference.estimate);
   maps->depth = std::move(estimate_maps.depth);
-  Scale(estimate.placed.scale, &maps->depth);
+  Scale(steps.placed.scale, &maps->depth);
   maps->normal = std::move(estimate_maps.normal);
   maps->cost = std::move(estimate_maps.cost);
   Timer timer;
-  ConsistencyResult result =
-      engine_->FilterByConsistency(estimate.problem.reference, estimate.problem.sources, consistency);
+  ConsistencyResult result = engine_->FilterByConsistency(steps.problem.reference, steps.problem.sources, consistency);
   maps->confidence = std::move(result.confidence);
   maps->points_in_camera = std::move(result.points_in_camera);
   for (SurfacePoint& point : maps->points_in_camera) {
-    const float scale = estimate.placed.scale;
+    const float scale = steps.placed.scale;
     point.position = {scale * point.position.x, scale * point.position.y, scale * point.position.z};
   }
   maps->consistency_ms = timer.Lap();
   if (maps->points_in_camera.empty()) {
-    maps->no_points_reason = Describe(FindPointLosses(estimate.problem, consistency, engine_), consistency);
+    maps->no_points_reason = Describe(FindPointLosses(steps.problem, consistency, engine_), consistency);
   }
   maps->refined = true;
   return maps;
 }
 
-void MapperOutputs::SubmitFast(const WindowKeyframePtr& keyframe, FinishedEstimate estimate) {
-  queue_.Submit([this, keyframe, estimate = std::move(estimate)] {
+void MapperOutputs::SubmitFast(KeyframeSteps steps) {
+  queue_.Submit([this, steps = std::move(steps)] {
     KeyframeDepthPtr maps;
-    if (const auto failure = CatchFailure([&] { maps = MakeFast(estimate); })) {
+    if (const auto failure = CatchFailure([&] { maps = MakeFast(steps); })) {
       return CallProblem("fast_maps_failed",
-                         Concat("keyframe ", keyframe->frame->id, " has no fast maps: ", failure->message));
+                         Concat("keyframe ", steps.keyframe->frame->id, " has no fast maps: ", failure->message));
     }
-    keyframe->had_fast = true;
+    steps.keyframe->had_fast = true;
     if (callbacks_.on_fast) callbacks_.on_fast(maps);
   });
 }
 
-void MapperOutputs::SubmitRefined(const WindowKeyframePtr& keyframe, FinishedEstimate estimate,
-                                  const FusionOptions& consistency, bool again) {
-  const bool was_withdrawn = keyframe->is_withdrawn.exchange(false);
-  queue_.Submit([this, keyframe, consistency, again, was_withdrawn, estimate = std::move(estimate)] {
+void MapperOutputs::SubmitRefined(KeyframeSteps steps, const FusionOptions& consistency, bool again) {
+  const bool was_withdrawn = steps.keyframe->is_withdrawn.exchange(false);
+  queue_.Submit([this, consistency, again, was_withdrawn, steps = std::move(steps)] {
+    const WindowKeyframePtr& keyframe = steps.keyframe;
     if (again && !keyframe->had_refined) return;  // it was dropped
     KeyframeDepthPtr maps;
-    auto failure = CatchFailure([&] { stop_->RunCancellable([&] { maps = MakeRefined(estimate, consistency); }); });
+    auto failure = CatchFailure([&] { stop_->RunCancellable([&] { maps = MakeRefined(steps, consistency); }); });
     if (stop_->requested()) failure = Failure{kReset, DescribeReset(*keyframe->frame)};
     if (failure) {
       if (was_withdrawn) keyframe->is_withdrawn = true;

@@ -1,15 +1,15 @@
 #pragma once
 
-#include <condition_variable>
+#include <atomic>
 #include <cstddef>
 #include <deque>
 #include <exception>
 #include <functional>
-#include <mutex>
+#include <future>
 #include <new>
 #include <optional>
 #include <string>
-#include <thread>
+#include <utility>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
@@ -43,55 +43,69 @@ std::string DescribeReset(const Frame& frame);
 /// For on_problem.
 std::string DescribeFailedAgain(int64_t id, const Failure& failure);
 
-/// Runs jobs one after the other in the order they were given: at once, or in a thread of its own. One thread gives
-/// them.
+/// Runs jobs one after the other in the order they were given: at once, or beside the thread that gives them.
 class OutputQueue {
  public:
   using Job = std::function<void()>;
 
-  explicit OutputQueue(bool has_thread);
+  /// @param is_beside its jobs run in threads of their own
+  explicit OutputQueue(bool is_beside) : is_beside_(is_beside) {}
   /// Waits for the job under way; those after it are thrown away.
-  ~OutputQueue();
+  ~OutputQueue() { is_stopped_ = true; }
   OutputQueue(const OutputQueue&) = delete;
   OutputQueue& operator=(const OutputQueue&) = delete;
 
   /// Waits while kMaxJobs have not been done. What a job throws comes out here or in a later call of either method;
   /// jobs after it are run all the same.
-  void Submit(Job job);
+  void Submit(Job job) {
+    if (!is_beside_) return job();
+    std::shared_future<void> before;
+    if (!jobs_.empty()) before = jobs_.back();
+    auto run = [this, before, job = std::move(job)]() mutable {
+      if (before.valid()) before.wait();
+      before = {};
+      const Job own = std::exchange(job, nullptr);  // what it holds goes before its giver hears that it is done
+      if (!is_stopped_) own();
+    };
+    jobs_.push_back(std::async(std::launch::async, std::move(run)).share());
+    WaitForFewerThan(kMaxJobs);
+  }
 
-  void WaitForAll();
+  void WaitForAll() { WaitForFewerThan(1); }
 
   /// Each holds maps on the device; a few let the two threads go on while one of them has more to do than usual.
   static constexpr size_t kMaxJobs = 4;
 
  private:
-  void Run();
   /// Until fewer jobs than these are not done.
-  void WaitForFewerThan(size_t jobs);
+  void WaitForFewerThan(size_t jobs) {
+    while (jobs_.size() >= jobs) {
+      const std::shared_future<void> oldest = jobs_.front();
+      jobs_.pop_front();
+      oldest.get();
+    }
+  }
 
-  std::mutex mutex_;  ///< of all that follows
-  std::condition_variable given_, done_;
-  std::deque<Job> jobs_;        ///< that have not begun
-  size_t unfinished_ = 0;       ///< these and the one under way
-  std::exception_ptr failure_;  ///< of the first job that has thrown since this was last told
-  bool stopped_ = false;
-  std::thread thread_;  ///< last: it starts when everything above exists
+  const bool is_beside_;
+  std::atomic<bool> is_stopped_{false};
+  std::deque<std::shared_future<void>> jobs_;  ///< last: they are waited for before the others go
 };
 
-/// What becomes of finished estimates: their maps come to the host, are checked for consistency and go to the
-/// callbacks, in the order they were given. With an engine of its own it does so in a thread of its own.
+/// What becomes of the estimates: their maps come to the host, are checked for consistency and go to the
+/// callbacks, in the order they were given. With an engine of its own it does so beside the passes.
 class MapperOutputs {
  public:
   /// @param engine makes the maps; outlives this
   /// @param stop not null, outlives this; once it is requested, refined maps are not made
-  MapperOutputs(DepthEngine* engine, bool has_thread, DenseMapper::Callbacks callbacks, StopRequest* stop)
-      : engine_(engine), callbacks_(std::move(callbacks)), stop_(stop), queue_(has_thread) {}
+  MapperOutputs(DepthEngine* engine, bool is_beside, DenseMapper::Callbacks callbacks, StopRequest* stop)
+      : engine_(engine), callbacks_(std::move(callbacks)), stop_(stop), queue_(is_beside) {}
 
-  void SubmitFast(const WindowKeyframePtr& keyframe, FinishedEstimate estimate);
+  /// @param steps after the first one
+  void SubmitFast(KeyframeSteps steps);
   /// The keyframe is no longer withdrawn, but is again where its maps cannot be made.
+  /// @param steps after all of them
   /// @param again these are better maps of a keyframe whose refined ones were submitted before
-  void SubmitRefined(const WindowKeyframePtr& keyframe, FinishedEstimate estimate, const FusionOptions& consistency,
-                     bool again);
+  void SubmitRefined(KeyframeSteps steps, const FusionOptions& consistency, bool again);
   /// Tells that the keyframe's maps must not be used any more, if it had any.
   void SubmitWithdrawal(const WindowKeyframePtr& keyframe, const std::string& message);
   /// @param keyframe null: was never in the window
@@ -101,8 +115,8 @@ class MapperOutputs {
   void WaitForAll() { queue_.WaitForAll(); }
 
  private:
-  KeyframeDepthPtr MakeFast(const FinishedEstimate& estimate) const;
-  KeyframeDepthPtr MakeRefined(const FinishedEstimate& estimate, const FusionOptions& consistency) const;
+  KeyframeDepthPtr MakeFast(const KeyframeSteps& steps) const;
+  KeyframeDepthPtr MakeRefined(const KeyframeSteps& steps, const FusionOptions& consistency) const;
   void CallDrop(const KeyframeDrop& drop) const;
   void CallProblem(const char* reason, const std::string& message) const;
 

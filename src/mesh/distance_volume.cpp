@@ -163,13 +163,6 @@ class BlockUpdate {
   const DistanceVolumeOptions& options_;
 };
 
-template <class T>
-void CheckMapSize(const char* name, const ImageView<T>& map, const PinholeCamera& camera) {
-  if (map.width == camera.width && map.height == camera.height) return;
-  throw InvalidInputError(Concat(name, " has ", map.width, " x ", map.height, " px: must be the camera's ",
-                                 camera.width, " x ", camera.height));
-}
-
 void CheckVolumeOptions(const DistanceVolumeOptions& options) {
   CheckRange("mesh_voxel_size", options.voxel_size, std::numeric_limits<float>::min() + 0.0, 1e9);
   if (options.max_bytes == 0) throw InvalidInputError("memory for the mesh's voxels = 0: must be > 0");
@@ -180,10 +173,10 @@ void CheckSurfaceView(const SurfaceView& view) {
   const PinholeCamera& camera = view.camera.camera;
   CheckCamera("camera", camera);
   CheckPose("cam_from_world", view.camera.cam_from_world);
-  CheckMapSize("depth", view.depth, camera);
-  CheckMapSize("normal", view.normal, camera);
-  CheckMapSize("confidence", view.confidence, camera);
-  if (!view.color.empty()) CheckMapSize("color", view.color, camera);
+  CheckSize("depth", view.depth.width, view.depth.height, camera);
+  CheckSize("normal", view.normal.width, view.normal.height, camera);
+  CheckSize("confidence", view.confidence.width, view.confidence.height, camera);
+  if (!view.color.empty()) CheckSize("color", view.color.width, view.color.height, camera);
 }
 
 std::string Megabytes(size_t bytes) { return Concat(std::ceil(static_cast<double>(bytes) / 1e6), " MB"); }

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/image/for_each_pixel.h"
 #include "acmp_mapping/patch_match/kernel/depth_evidence.h"
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/median_filter.h"
@@ -17,15 +18,15 @@ namespace acmp {
 namespace {
 
 /// The pixels with (col + row) % 2 == color.
-template <class Context, class Function>
-void ForEachPixelOfColor(const Context& context, int color, const Function& function) {
+template <class Function>
+void ForEachPixelOfColor(const MatchContext<CpuSampler>& context, int color, const Function& function) {
   tbb::parallel_for(0, context.height, [&](int row) {
     for (int col = (row + color) % 2; col < context.width; col += 2) function(col, row);
   });
 }
 
-template <Pass kPass, Method kMethod, class Context>
-void RunPass(const Context& context, int iterations) {
+template <Pass kPass, Method kMethod>
+void Iterate(const MatchContext<CpuSampler>& context, int iterations) {
   ForEachPixelOfColor(context, 0, [&](int col, int row) {
     if constexpr (kMethod == Method::kOurs) {
       InitializeUnmatched<kPass>(context, col, row);
@@ -63,21 +64,10 @@ struct HostSources {
     }
   }
 
-  /// Calls function(context) with a context for images with or without masks, which lacks maps.
-  template <class Function>
-  void VisitContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind, int geometric_pass,
-                    const Function& function) const {
-    if (has_masks || !problem.reference.mask_distance.empty()) {
-      function(MakeContext<MaskedCpuSampler>(problem, options, kind, geometric_pass));
-    } else {
-      function(MakeContext<CpuSampler>(problem, options, kind, geometric_pass));
-    }
-  }
-
-  template <class Sampler>
-  MatchContext<Sampler> MakeContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind,
-                                    int geometric_pass) const {
-    MatchContext<Sampler> context = MakeMatchContext<Sampler>(problem, options, kind, geometric_pass);
+  /// A context without maps.
+  MatchContext<CpuSampler> MakeContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind,
+                                       int geometric_pass) const {
+    MatchContext<CpuSampler> context = MakeMatchContext<CpuSampler>(problem, options, kind, geometric_pass);
     context.sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
     context.sources = views.data();
     context.full_depths = full_depths.data();
@@ -93,45 +83,29 @@ struct HostSources {
   bool has_masks = false;  ///< of the sources
 };
 
-template <Pass kPass>
-EstimateState Run(const PatchMatchProblem& problem, const PatchMatchOptions& options, EstimateState state,
-                  const ImageView<const PlaneHypothesis>& prior, int geometric_pass, int iterations) {
-  Validate(options);
-  const HostSources sources(problem, options.method);
-  Image<uint32_t> selected_views(state.planes.width(), state.planes.height());
-  sources.VisitContext(problem, options, kPass, geometric_pass, [&](auto context) {
-    context.planes = state.planes.View();
-    context.cost = state.cost.View();
-    context.selected_views = selected_views.View();
-    context.prior = {prior, {}};
-    VisitMethod<kPass>(options.method,
-                       [&](auto method) { RunPass<kPass, decltype(method)::value>(context, iterations); });
-  });
-  return state;
-}
-
 }  // namespace
 
-EstimateState RunPhotometric(const PatchMatchProblem& problem, const PatchMatchOptions& options) {
+EstimateState RunPass(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind,
+                      EstimateState state, const ImageView<const PlaneHypothesis>& prior, int geometric_pass) {
   Check(problem);
-  const int width = problem.reference.camera.width, height = problem.reference.camera.height;
-  return Run<Pass::kPhotometric>(problem, options, {PlaneMap(width, height), CostMap(width, height)}, {}, 0,
-                                 options.photometric_iterations);
-}
-
-EstimateState RunPlanarPrior(const PatchMatchProblem& problem, const PatchMatchOptions& options, EstimateState start,
-                             const ImageView<const PlaneHypothesis>& prior) {
-  Check(problem);
-  CheckStart(problem, start);
-  CheckSize("prior", prior.width, prior.height, problem.reference.camera);
-  return Run<Pass::kPlanarPrior>(problem, options, std::move(start), prior, 0, options.planar_prior_iterations);
-}
-
-EstimateState RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions& options, EstimateState start,
-                           int pass) {
-  Check(problem);
-  CheckStart(problem, start);
-  return Run<Pass::kGeometric>(problem, options, std::move(start), {}, pass, options.geometric_iterations);
+  Validate(options);
+  const PinholeCamera& camera = problem.reference.camera;
+  if (kind == Pass::kPhotometric) {
+    state = {PlaneMap(camera.width, camera.height), CostMap(camera.width, camera.height)};
+  } else {
+    CheckStart(problem, state);
+  }
+  if (kind == Pass::kPlanarPrior) CheckSize("prior", prior.width, prior.height, camera);
+  const HostSources sources(problem, options.method);
+  Image<uint32_t> selected_views(camera.width, camera.height);
+  MatchContext<CpuSampler> context = sources.MakeContext(problem, options, kind, geometric_pass);
+  context.planes = state.planes.View();
+  context.cost = state.cost.View();
+  context.selected_views = selected_views.View();
+  context.prior = {prior, {}};
+  VisitPass(kind, options.method,
+            [&](auto pass, auto method) { Iterate<pass, method>(context, IterationsOf(kind, options)); });
+  return state;
 }
 
 EstimateState RestoreDetails(const PatchMatchProblem& problem, const PatchMatchOptions& options, EstimateState start,
@@ -145,13 +119,10 @@ EstimateState RestoreDetails(const PatchMatchProblem& problem, const PatchMatchO
   CheckSize("coarser planes", coarser.width, coarser.height, halved);
   const HostSources sources(problem, options.method);
   const CoarserEstimate estimate = {coarser, MakeRayGrid(halved)};
-  sources.VisitContext(problem, options, Pass::kPhotometric, 0, [&](auto context) {
-    context.planes = start.planes.View();
-    context.cost = start.cost.View();
-    tbb::parallel_for(0, camera.height, [&](int row) {
-      for (int col = 0; col < camera.width; ++col) RestorePixel(context, estimate, col, row);
-    });
-  });
+  MatchContext<CpuSampler> context = sources.MakeContext(problem, options, Pass::kPhotometric, 0);
+  context.planes = start.planes.View();
+  context.cost = start.cost.View();
+  ForEachPixel(camera.width, camera.height, [&](int col, int row) { RestorePixel(context, estimate, col, row); });
   return start;
 }
 
@@ -162,14 +133,10 @@ Image<float> MeasureEvidence(const PatchMatchProblem& problem, const PlaneMap& p
   const HostSources sources(problem, Method::kOurs);
   PlaneMap read = planes.Clone();  // the context could write
   Image<float> evidence(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
-  sources.VisitContext(problem, {}, Pass::kGeometric, 0, [&](auto context) {
-    context.planes = read.View();
-    tbb::parallel_for(0, evidence.height(), [&](int row) {
-      for (int col = 0; col < evidence.width(); ++col) {
-        evidence(col, row) = EvidenceOfCell(context, col, row, cell_size);
-      }
-    });
-  });
+  MatchContext<CpuSampler> context = sources.MakeContext(problem, {}, Pass::kGeometric, 0);
+  context.planes = read.View();
+  ForEachPixel(evidence.width(), evidence.height(),
+               [&](int col, int row) { evidence(col, row) = EvidenceOfCell(context, col, row, cell_size); });
   return evidence;
 }
 
@@ -177,12 +144,10 @@ DepthMap ToDepthMap(const PlaneMap& planes, const PinholeCamera& camera) {
   CheckSize("planes", planes.width(), planes.height(), camera);
   const RayGrid rays = MakeRayGrid(camera);
   DepthMap depth(planes.width(), planes.height());
-  tbb::parallel_for(0, planes.height(), [&](int row) {
-    for (int col = 0; col < planes.width(); ++col) {
-      const PlaneHypothesis& plane = planes(col, row);
-      if (!(plane.d > 0)) continue;
-      depth(col, row) = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-    }
+  ForEachPixel(planes.width(), planes.height(), [&](int col, int row) {
+    const PlaneHypothesis& plane = planes(col, row);
+    if (!(plane.d > 0)) return;
+    depth(col, row) = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
   });
   return depth;
 }

@@ -1,12 +1,11 @@
 #include "acmp_mapping/patch_match/match_setup.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/geometry/vector_conversion.h"
+#include "acmp_mapping/image/for_each_pixel.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 
 namespace acmp {
@@ -19,21 +18,14 @@ Mat3f ToMat3f(const Eigen::Matrix3d& matrix) {
 }
 
 void CheckMatchView(const std::string& name, const MatchView& view) {
-  CheckCamera(name.c_str(), view.camera);
-  if (view.gray.width != view.camera.width || view.gray.height != view.camera.height || view.gray.data == nullptr) {
-    throw InvalidInputError(Concat(name, ": image of ", view.gray.width, " x ", view.gray.height,
-                                   " px, but the camera has ", view.camera.width, " x ", view.camera.height));
-  }
+  CheckCamera(name, view.camera);
+  const auto check_size = [&](const char* what, int width, int height) {
+    CheckSize(name + ": " + what, width, height, view.camera);
+  };
+  check_size("image", view.gray.data == nullptr ? 0 : view.gray.width, view.gray.height);
   if (!view.cam_from_world.matrix().allFinite()) throw InvalidInputError(name + ": pose is not finite");
-  if (!view.depth.empty() && (view.depth.width != view.gray.width || view.depth.height != view.gray.height)) {
-    throw InvalidInputError(Concat(name, ": depth map of ", view.depth.width, " x ", view.depth.height,
-                                   " px for an image of ", view.gray.width, " x ", view.gray.height));
-  }
-  if (!view.mask_distance.empty() &&
-      (view.mask_distance.width != view.gray.width || view.mask_distance.height != view.gray.height)) {
-    throw InvalidInputError(Concat(name, ": mask of ", view.mask_distance.width, " x ", view.mask_distance.height,
-                                   " px for an image of ", view.gray.width, " x ", view.gray.height));
-  }
+  if (!view.depth.empty()) check_size("depth map", view.depth.width, view.depth.height);
+  if (!view.mask_distance.empty()) check_size("mask", view.mask_distance.width, view.mask_distance.height);
 }
 
 }  // namespace
@@ -109,10 +101,8 @@ HalvedDepthMap HalveDepth(const ImageView<const float>& depth) {
   }
   if (!(largest > 0)) return halved;  // nothing is known
   halved.step = largest / kInverseSteps;
-  tbb::parallel_for(0, halved.inverse.height(), [&](int row) {
-    for (int col = 0; col < halved.inverse.width(); ++col) {
-      halved.inverse(col, row) = StepsOfInverse(HalvedInverseDepth(depth, col, row), halved.step);
-    }
+  ForEachPixel(halved.inverse.width(), halved.inverse.height(), [&](int col, int row) {
+    halved.inverse(col, row) = StepsOfInverse(HalvedInverseDepth(depth, col, row), halved.step);
   });
   return halved;
 }
@@ -124,17 +114,15 @@ std::vector<HalvedDepthMap> HalveDepths(const PatchMatchProblem& problem) {
   return halved;
 }
 
+int IterationsOf(Pass kind, const PatchMatchOptions& options) {
+  if (kind == Pass::kPhotometric) return options.photometric_iterations;
+  return kind == Pass::kPlanarPrior ? options.planar_prior_iterations : options.geometric_iterations;
+}
+
 uint32_t PassNumber(Pass kind, int geometric_pass) {
   if (kind == Pass::kPhotometric) return 0;
   if (kind == Pass::kPlanarPrior) return 1;
   return 2u + static_cast<uint32_t>(geometric_pass);
-}
-
-void CheckSize(const char* name, int width, int height, const PinholeCamera& camera) {
-  if (width != camera.width || height != camera.height) {
-    throw InvalidInputError(
-        Concat(name, ": ", width, " x ", height, " px, but the camera has ", camera.width, " x ", camera.height));
-  }
 }
 
 void CheckStart(const PatchMatchProblem& problem, const EstimateState& start) {

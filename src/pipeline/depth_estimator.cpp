@@ -37,7 +37,7 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
   prior_depth_rejection_.clear();
   engine_->PopDeviceTime();
   Timer timer;
-  EngineEstimatePtr& estimate = problem.reference.estimate;
+  EngineEstimatePtr estimate = std::exchange(problem.reference.estimate, nullptr);
   switch (step.kind) {
     case Kind::kInitial:
       estimate = EstimateInitial(problem);
@@ -49,31 +49,22 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
       times_.photometric_kernels_ms = engine_->PopDeviceTime();
       break;
     }
-    case Kind::kFillForPasses: {
-      EngineEstimatePtr start = std::move(estimate);
-      estimate = Fill(problem, std::move(start), true);
-      times_.fill_ms = timer.Lap();
-      break;
-    }
-    case Kind::kGeometricPass: {
-      EngineEstimatePtr start = std::move(estimate);
-      estimate = engine_->RunGeometric(problem, options_.patch_match, std::move(start), step.pass);
+    case Kind::kGeometricPass:
+      estimate = engine_->RunGeometric(problem, options_.patch_match, std::move(estimate), step.pass);
       times_.geometric_ms = timer.Lap();
       break;
-    }
-    case Kind::kFillUnverified: {
-      EngineEstimatePtr start = std::move(estimate);
-      estimate = Fill(problem, std::move(start), false);
-      if (options_.fill.remove_unsupported) {
-        start = std::move(estimate);
-        estimate = engine_->RemoveUnsupported(problem, std::move(start));
-      }
+    case Kind::kFillForPasses:
+      estimate = Fill(problem, std::move(estimate), true);
       times_.fill_ms = timer.Lap();
       break;
-    }
+    case Kind::kFillUnverified:
+      estimate = Fill(problem, std::move(estimate), false);
+      if (options_.fill.remove_unsupported) estimate = engine_->RemoveUnsupported(problem, std::move(estimate));
+      times_.fill_ms = timer.Lap();
+      break;
   }
   times_.kernels_ms = times_.photometric_kernels_ms + engine_->PopDeviceTime();
-  return std::move(estimate);
+  return estimate;
 }
 
 EngineEstimatePtr DepthEstimator::Fill(const EngineProblem& problem, EngineEstimatePtr start, bool for_passes) {

@@ -5,10 +5,13 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/image/cells.h"
+#include "acmp_mapping/image/for_each_pixel.h"
 #include "acmp_mapping/planar_prior/kernel/planar_prior.h"
 
 namespace acmp {
@@ -71,14 +74,9 @@ void CheckTriangles(const std::vector<SupportPoint>& points, const std::vector<S
 
 void Validate(const PlanarPriorOptions& options) {
   CheckRange("planar_prior.cell_size_px", options.cell_size_px, 1, 64);
-  if (!(options.max_support_cost > 0 && options.max_support_cost <= 2)) {
-    throw InvalidInputError(
-        Concat("planar_prior.max_support_cost = ", options.max_support_cost, ": must be in (0, 2]"));
-  }
-  if (!(options.max_grazing_angle_deg > 0 && options.max_grazing_angle_deg < 90)) {
-    throw InvalidInputError(
-        Concat("planar_prior.max_grazing_angle_deg = ", options.max_grazing_angle_deg, ": must be in (0, 90)"));
-  }
+  constexpr float kTiny = 1e-6f;  // stands for "greater than zero"
+  CheckRange("planar_prior.max_support_cost", options.max_support_cost, kTiny, 2.0f);
+  CheckRange("planar_prior.max_grazing_angle_deg", options.max_grazing_angle_deg, kTiny, 89.999f);
 }
 
 std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageView<const float> cost,
@@ -90,19 +88,14 @@ std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageV
                                    " x ", depth.height, ": sizes must be equal"));
   }
   const int size = options.cell_size_px;
-  const int cell_rows = (depth.height + size - 1) / size;
-  const int cell_cols = (depth.width + size - 1) / size;
-  std::vector<std::vector<SupportPoint>> points_of_row(cell_rows);
-  tbb::parallel_for(0, cell_rows, [&](int cell_row) {
-    for (int cell_col = 0; cell_col < cell_cols; ++cell_col) {
-      const SupportPoint best =
-          FindSupportPointOfCell(depth, cost, range.min, range.max, options.max_support_cost, size, cell_col, cell_row);
-      if (best.depth > 0) points_of_row[cell_row].push_back(best);
-    }
+  Image<SupportPoint> cells(CellsOf(depth.width, size), CellsOf(depth.height, size));
+  ForEachPixel(cells.width(), cells.height(), [&](int col, int row) {
+    cells(col, row) =
+        FindSupportPointOfCell(depth, cost, range.min, range.max, options.max_support_cost, size, col, row);
   });
-
   std::vector<SupportPoint> points;
-  for (const auto& row : points_of_row) points.insert(points.end(), row.begin(), row.end());
+  std::copy_if(cells.begin(), cells.end(), std::back_inserter(points),
+               [](const SupportPoint& point) { return point.depth > 0; });
   return points;
 }
 
@@ -159,14 +152,12 @@ PlaneMap RasterizePrior(const PinholeCamera& camera, const PriorMesh& mesh, cons
   const Image<int> ids = RasterizeTriangles(camera.width, camera.height, mesh.points, mesh.triangles);
   const RayGrid rays = MakeRayGrid(camera);
   PlaneMap planes(camera.width, camera.height);
-  tbb::parallel_for(0, camera.height, [&](int row) {
-    for (int col = 0; col < camera.width; ++col) {
-      if (ids(col, row) < 0) continue;
-      const PlaneHypothesis& plane = mesh.planes[ids(col, row)];
-      // The same float arithmetic as the matching passes: what passes here is in range there. NaN (zero plane) fails.
-      const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-      if (depth >= range.min && depth <= range.max) planes(col, row) = plane;
-    }
+  ForEachPixel(camera.width, camera.height, [&](int col, int row) {
+    if (ids(col, row) < 0) return;
+    const PlaneHypothesis& plane = mesh.planes[ids(col, row)];
+    // The same float arithmetic as the matching passes: what passes here is in range there. NaN (zero plane) fails.
+    const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+    if (depth >= range.min && depth <= range.max) planes(col, row) = plane;
   });
   return planes;
 }

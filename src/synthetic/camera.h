@@ -4,9 +4,8 @@
 #include <variant>
 #include <vector>
 
-#include <tbb/parallel_for.h>
-
 #include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/image/for_each_pixel.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "geometry.h"
 #include "texture.h"
@@ -43,14 +42,6 @@ PinholeCamera SyntheticCamera(int width, int height);
 
 /// Ray through a pixel whose parameter t is the depth z.
 Ray PixelRay(const PinholeCamera& camera, const CameraPose& pose, double col, double row);
-
-/// Calls function(col, row) for all pixels, in parallel.
-template <class Function>
-void ForEachPixel(int width, int height, const Function& function) {
-  tbb::parallel_for(0, height, [&](int row) {
-    for (int col = 0; col < width; ++col) function(col, row);
-  });
-}
 
 /// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const ImagingModel& model);

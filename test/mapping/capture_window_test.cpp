@@ -118,7 +118,7 @@ TEST(CaptureWindowTest, ACompanionThatCannotBeUsedIsToldAndLeftOut) {
   harness.mapper.AddCapture(capture);
   EXPECT_THAT(harness.TakeEvents(), ElementsAre("fast 0"));
   EXPECT_THAT(harness.SourcesOf("photometric", 0), ElementsAre(2));
-  EXPECT_THAT(harness.problems, ElementsAre(HasSubstr("companion_refused: keyframe 1: image sizes 3 x 3")));
+  EXPECT_THAT(harness.problems, ElementsAre(HasSubstr("companion_refused: keyframe 1: image size 3 x 3")));
   EXPECT_THROW(harness.mapper.AddCapture({}), InvalidInputError);
   EXPECT_THROW(harness.mapper.AddCapture({{WallFrame(4, 0)}, {WallFrame(4, 1)}}), InvalidInputError) << "ids ascend";
 }

@@ -115,7 +115,7 @@ TEST_F(DistanceVolumeTest, BadInputIsNamed) {
   SurfaceMaps view = SeeSphere({1.5, 0, 0});
   DistanceVolume volume({kVoxel, kEnough, 0});
   view.confidence = ConfidenceMap(7, 5);
-  EXPECT_REFUSED(volume.Integrate(view.View()), "7 x 5 px");
+  EXPECT_REFUSED(volume.Integrate(view.View()), "size 7 x 5");
   view = SeeSphere({1.5, 0, 0});
   view.camera.cam_from_world.translation().x() = 1e12;
   EXPECT_REFUSED(volume.Integrate(view.View()), "2^30 voxels");

@@ -4,7 +4,7 @@
 #include "acmp_mapping/patch_match/match_setup.h"
 #include "cuda_device.h"
 #include "kernel_parity_answer.h"
-#include "patch_match_kernels.h"
+#include "kernels.h"
 
 namespace acmp {
 namespace {

@@ -217,10 +217,9 @@ class PapersTest : public ::testing::Test {
   template <Pass kPass>
   void ExpectSameAsCpu(const EstimateState& start, uint32_t pass) {
     const PatchMatchOptions& options = options_.patch_match;
-    EstimateState result;
-    if (kPass == Pass::kPhotometric) result = RunPhotometric(problem_, options);
-    if (kPass == Pass::kPlanarPrior) result = RunPlanarPrior(problem_, options, start.Clone(), state_->prior.View());
-    if (kPass == Pass::kGeometric) result = RunGeometric(problem_, options, start.Clone(), static_cast<int>(pass) - 2);
+    const ImageView<const PlaneHypothesis> prior = state_->prior.View();
+    const EstimateState result =
+        acmp::RunPass(problem_, options, kPass, start.Clone(), prior, static_cast<int>(pass) - 2);
     EXPECT_TRUE(SamePixels(result.planes, state_->planes));
     EXPECT_TRUE(SamePixels(result.cost, state_->cost));
   }

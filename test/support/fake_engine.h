@@ -37,18 +37,14 @@ class FakeEngine : public HostDepthEngine {
   static constexpr double kPassMs = 10;
 
   std::unique_ptr<DepthEngine> Share() override { throw std::logic_error("fakes are not shared"); }
-  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override {
-    return Run({Pass::kPhotometric, problem, options, level, nullptr});
-  }
-  EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                   EngineEstimatePtr start, const PriorMesh& prior) override {
-    return Run({Pass::kPlanarPrior, problem, options, 0, std::move(start), &prior});
-  }
-  EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                 EngineEstimatePtr start, int pass) override {
-    const DepthMap depth = DownloadDepth(start);
-    const int level = LevelOf(problem, depth.width(), depth.height());
-    return Run({Pass::kGeometric, problem, options, level, std::move(start), nullptr, pass});
+  EngineEstimatePtr RunPass(const EngineProblem& problem, const PatchMatchOptions& options, EnginePass pass) override {
+    const bool is_geometric = pass.kind == Pass::kGeometric;
+    if (is_geometric) {
+      const DepthMap depth = DownloadDepth(pass.start);
+      pass.level = LevelOf(problem, depth.width(), depth.height());
+    }
+    return Run({pass.kind, problem, options, pass.level, std::move(pass.start), pass.prior,
+                is_geometric ? pass.geometric_pass : -1});
   }
   EngineEstimatePtr RemoveUnsupported(const EngineProblem&, EngineEstimatePtr start) override {
     fake_ms_ += kPassMs;

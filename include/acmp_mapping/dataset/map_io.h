@@ -8,7 +8,6 @@
 
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/fusion/point_cloud.h"
-#include "acmp_mapping/fusion/triangle_mesh.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
 #include "acmp_mapping/image/image.h"

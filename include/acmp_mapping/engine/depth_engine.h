@@ -2,11 +2,12 @@
 
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "acmp_mapping/engine/engine_problem.h"
 #include "acmp_mapping/fill/fill_options.h"
-#include "acmp_mapping/patch_match/patch_match_options.h"
+#include "acmp_mapping/patch_match/kernel/match_context.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
 
 namespace acmp {
@@ -28,6 +29,15 @@ struct EstimateMapViews {
 /// Throw InvalidInputError unless the maps have the camera's size.
 void CheckUpload(const EstimateState& state, const PinholeCamera& camera);
 void CheckUpload(const EstimateMapViews& maps, const PinholeCamera& camera);
+
+/// A pass over a reference view. Its size is that of the images halved `level` times.
+struct EnginePass {
+  Pass kind = Pass::kPhotometric;
+  int level = 0;                      ///< of a photometric pass; geometric ones run at their start's, others at 0
+  EngineEstimatePtr start = nullptr;  ///< that it goes on from, but for a photometric one
+  const PriorMesh* prior = nullptr;   ///< of a planar-prior pass
+  int geometric_pass = 0;             ///< which one of them: selects the random numbers
+};
 
 /// Which pixels of which frames have gone into points (see FuseView), on the devices of the engines that use it.
 class FusionStamps {
@@ -60,8 +70,9 @@ class DepthEngine {
   virtual EngineImagePtr Load(const FramePtr& frame, int levels) = 0;
 
   /// Steps 3-8 on the images halved `level` times. The estimate has the size of those.
-  virtual EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                           int level) = 0;
+  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) {
+    return RunPass(problem, options, {Pass::kPhotometric, level});
+  }
 
   /// Every pixel takes plane and cost of the pixel that covers it in an estimate of `level`; size of the full image.
   virtual EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) = 0;
@@ -71,13 +82,21 @@ class DepthEngine {
                                                       const PlanarPriorOptions& options) = 0;
 
   /// Steps 12-20 from an estimate at full size, whose memory they take if nobody else holds it.
-  virtual EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                           EngineEstimatePtr start, const PriorMesh& prior) = 0;
+  EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
+                                   EngineEstimatePtr start, const PriorMesh& prior) {
+    return RunPass(problem, options, {Pass::kPlanarPrior, 0, std::move(start), &prior});
+  }
 
   /// Steps 22-30, once, from an estimate at any level, taken as in RunPlanarPrior, on the images of that level. The
   /// sources' estimates, of the same level, are read as they are; `pass` (0, 1, ...) selects the random numbers.
-  virtual EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                         EngineEstimatePtr start, int pass) = 0;
+  EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                 EngineEstimatePtr start, int pass) {
+    return RunPass(problem, options, {Pass::kGeometric, 0, std::move(start), nullptr, pass});
+  }
+
+  /// Any of these.
+  virtual EngineEstimatePtr RunPass(const EngineProblem& problem, const PatchMatchOptions& options,
+                                    EnginePass pass) = 0;
 
   /// ACMM's step between two scales (RestorePixel): pixels of a photometric estimate, which is taken as in
   /// RunPlanarPrior, take the upsampled planes of the next coarser level's estimate unless they match clearly better.

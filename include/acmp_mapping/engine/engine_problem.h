@@ -65,9 +65,6 @@ void CheckLoad(const FramePtr& frame, int levels);
 /// Of the frame's mask and of the masks halved up to `levels` times; empty maps without a mask.
 std::vector<MaskDistanceMap> MakeMaskDistances(const Frame& frame, int levels);
 
-/// Unless frames and images are there, and 0 <= level <= kMaxLevels.
-void CheckHandles(const EngineProblem& problem, int level);
-
 /// Unless there is a frame, and an estimate of this size is of its image halved `level` times.
 void CheckUpsample(const FramePtr& frame, int level, int width, int height);
 

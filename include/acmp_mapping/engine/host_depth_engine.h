@@ -15,14 +15,10 @@ class HostDepthEngine : public DepthEngine {
  public:
   std::unique_ptr<DepthEngine> Share() override;
   EngineImagePtr Load(const FramePtr& frame, int levels) override;
-  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override;
+  EngineEstimatePtr RunPass(const EngineProblem& problem, const PatchMatchOptions& options, EnginePass pass) override;
   EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override;
   std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
                                               const PlanarPriorOptions& options) override;
-  EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                   EngineEstimatePtr start, const PriorMesh& prior) override;
-  EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                 EngineEstimatePtr start, int pass) override;
   EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
                                    EngineEstimatePtr start, const EngineEstimatePtr& coarser) override;
   EngineEstimatePtr FillUnverified(const EngineProblem& problem, EngineEstimatePtr start,

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "acmp_mapping/fusion/point_cloud.h"
-#include "acmp_mapping/fusion/triangle_mesh.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
 #include "acmp_mapping/geometry/voxel.h"

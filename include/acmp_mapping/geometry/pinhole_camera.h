@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <string>
 
 #include "acmp_mapping/geometry/plane_hypothesis.h"
 
@@ -46,7 +47,10 @@ struct PinholeCamera {
 
 /// Throws InvalidInputError unless size and focal lengths are positive and everything is finite. `name` starts
 /// messages.
-void CheckCamera(const char* name, const PinholeCamera& camera);
+void CheckCamera(const std::string& name, const PinholeCamera& camera);
+
+/// Throws InvalidInputError unless the image or map called `name` has the camera's size.
+void CheckSize(const std::string& name, int width, int height, const PinholeCamera& camera);
 
 /// Rays of the camera's pixels, rounded to float.
 RayGrid MakeRayGrid(const PinholeCamera& camera);

@@ -79,9 +79,6 @@ struct ReposeResult {
   std::optional<TooFar> first_too_far;
 };
 
-/// By stamp; poses with the same stamp keep their order.
-void SortPath(std::vector<StampedPose>* path);
-
 /// Corrects keyframes of one trajectory, given in the order of their stamps, by a sorted path.
 ///
 /// A keyframe that the path names gets the pose of the path. One that it does not name keeps what an earlier path gave

@@ -7,7 +7,6 @@
 #include <string>
 
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/fusion/triangle_mesh.h"
 #include "acmp_mapping/map/map_store.h"
 
 namespace acmp {

@@ -49,11 +49,11 @@ OptionList OptionsOf(DenseMapperOptions* options);
 /// the timing. Used by one thread at a time.
 ///
 /// With an engine for outputs, maps of finished estimates come to the host, are checked for consistency and go to the
-/// callbacks in a thread of the mapper's own while further steps run: methods return before the callbacks that they
+/// callbacks beside the mapper's thread while further steps run: methods return before the callbacks that they
 /// cause, but for Flush, Reset and WaitForOutputs.
 class DenseMapper {
  public:
-  /// Called inside the mapper's methods, or one at a time in its thread for outputs; empty ones are skipped. They must
+  /// Called inside the mapper's methods, or one at a time beside its thread; empty ones are skipped. They must
   /// neither call the mapper nor throw.
   struct Callbacks {
     std::function<void(const KeyframeDepthPtr&)> on_fast;  ///< at most once per keyframe, before its on_refined

@@ -4,7 +4,7 @@
 #include <memory>
 #include <vector>
 
-#include "acmp_mapping/fusion/triangle_mesh.h"
+#include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/geometry/posed_camera.h"
 #include "acmp_mapping/image/image.h"
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "acmp_mapping/patch_match/patch_match_options.h"
+#include "acmp_mapping/patch_match/kernel/match_context.h"
 #include "acmp_mapping/patch_match/patch_match_problem.h"
 
 namespace acmp {
@@ -9,17 +9,15 @@ namespace acmp {
 /// input: same bits, whatever the number of threads. All throw InvalidInputError for a bad problem or bad options, and
 /// for maps of another size than the reference's.
 
-/// Steps 3-8: random initialisation and T_photo iterations with the cost of eq. 1.
-EstimateState RunPhotometric(const PatchMatchProblem& problem, const PatchMatchOptions& options);
-
-/// Steps 12-20: T_p-photo iterations with the cost of eq. 7. Pixels without a prior plane are matched by eq. 1 alone.
-EstimateState RunPlanarPrior(const PatchMatchProblem& problem, const PatchMatchOptions& options, EstimateState start,
-                             const ImageView<const PlaneHypothesis>& prior);
-
-/// Steps 22-30, once: T_geo iterations with the cost of eq. 13 against the sources' depth maps. A source without a
-/// depth map counts with the truncated error everywhere. `pass` (0, 1, ...) selects the random numbers.
-EstimateState RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions& options, EstimateState start,
-                           int pass);
+/// One pass: steps 3-8 (random initialisation and T_photo iterations with the cost of eq. 1), 12-20 (T_p-photo with
+/// that of eq. 7; pixels without a prior plane are matched by eq. 1 alone) or 22-30, once (T_geo with that of eq. 13
+/// against the sources' depth maps; a source without one counts with the truncated error everywhere).
+/// @param start not read by a photometric pass
+/// @param prior of a planar-prior pass
+/// @param geometric_pass 0, 1, ... selects the random numbers of a geometric pass
+EstimateState RunPass(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind,
+                      EstimateState start = {}, const ImageView<const PlaneHypothesis>& prior = {},
+                      int geometric_pass = 0);
 
 /// What ACMM does between two scales: every pixel of a photometric estimate takes the plane of the next coarser scale's
 /// estimate, upsampled by the image (UpsampleJointly), unless its own matches clearly better (RestorePixel).

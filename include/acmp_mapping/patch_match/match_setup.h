@@ -29,16 +29,23 @@ std::vector<HalvedDepthMap> HalveDepths(const PatchMatchProblem& problem);
 /// Number of a pass for its random numbers: 0 photometric, 1 planar prior, 2 + pass geometric.
 uint32_t PassNumber(Pass kind, int geometric_pass);
 
-/// Calls function(method), a std::integral_constant, with the method that the pass follows: ACMP's photometric pass is
-/// ACMH's, and its planar-prior pass the only one of the papers.
-template <Pass kPass, class Function>
-void VisitMethod(Method method, const Function& function) {
-  constexpr bool kHasAcmh = kPass != Pass::kPlanarPrior, kHasAcmp = kPass != Pass::kPhotometric;
-  if (method == Method::kOurs) return function(std::integral_constant<Method, Method::kOurs>());
-  if constexpr (kHasAcmh) {
-    if (method == Method::kAcmh || !kHasAcmp) return function(std::integral_constant<Method, Method::kAcmh>());
-  }
-  if constexpr (kHasAcmp) function(std::integral_constant<Method, Method::kAcmp>());
+int IterationsOf(Pass kind, const PatchMatchOptions& options);
+
+/// Calls function(pass, method), two std::integral_constants, with the pass and the method that it follows: ACMP's
+/// photometric pass is ACMH's, and its planar-prior pass the only one of the papers.
+template <class Function>
+void VisitPass(Pass kind, Method method, const Function& function) {
+  constexpr std::integral_constant<Pass, Pass::kPhotometric> photometric;
+  constexpr std::integral_constant<Pass, Pass::kPlanarPrior> planar_prior;
+  constexpr std::integral_constant<Pass, Pass::kGeometric> geometric;
+  constexpr std::integral_constant<Method, Method::kOurs> ours;
+  constexpr std::integral_constant<Method, Method::kAcmh> as_acmh;
+  constexpr std::integral_constant<Method, Method::kAcmp> as_acmp;
+  const bool is_ours = method == Method::kOurs;
+  if (kind == Pass::kPhotometric) return is_ours ? function(photometric, ours) : function(photometric, as_acmh);
+  if (kind == Pass::kPlanarPrior) return is_ours ? function(planar_prior, ours) : function(planar_prior, as_acmp);
+  if (method == Method::kAcmh) return function(geometric, as_acmh);
+  is_ours ? function(geometric, ours) : function(geometric, as_acmp);
 }
 
 /// A context without sampler, sources and maps, which depend on the device.
@@ -59,8 +66,6 @@ MatchContext<Sampler> MakeMatchContext(const PatchMatchProblem& problem, const P
   return context;
 }
 
-/// Throws InvalidInputError unless the map called `name` has the camera's size.
-void CheckSize(const char* name, int width, int height, const PinholeCamera& camera);
 /// Throws InvalidInputError unless `start` has the reference's size and in every pixel a plane in front of the camera,
 /// or none where the reference has a mask (as every pass leaves it).
 void CheckStart(const PatchMatchProblem& problem, const EstimateState& start);

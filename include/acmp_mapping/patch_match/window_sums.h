@@ -21,26 +21,18 @@ struct WindowFunctions {
 /// the choice is made when they run.
 std::vector<WindowFunctions> SupportedWindowFunctions();
 
-/// The CPU's samplers: for images of which none has a mask, and for all. Where nothing asks for masks, passes take 3 %
-/// less time.
-template <bool kMasked>
-struct CpuSamplerOf : BilinearSampler {
-  static constexpr bool kHasMasks = kMasked;
+/// The CPU's sampler.
+struct CpuSampler : BilinearSampler {
   WindowFunctions window;
 };
-using CpuSampler = CpuSamplerOf<false>;
-using MaskedCpuSampler = CpuSamplerOf<true>;
 
-template <bool kMasked>
-inline WindowSums SumWindow(const CpuSamplerOf<kMasked>& sampler, int view, const PlaneWarp& warp,
-                            const ReferencePatch& patch) {
+inline WindowSums SumWindow(const CpuSampler& sampler, int view, const PlaneWarp& warp, const ReferencePatch& patch) {
   const ImageView<const float>& image = sampler.sources[view];
   if (image.width < 2 || image.height < 2) return SumWindow<BilinearSampler>(sampler, view, warp, patch);
   return sampler.window.sum_window(image, warp, patch);
 }
 
-template <bool kMasked>
-inline void LoadReferencePatch(const MatchContext<CpuSamplerOf<kMasked>>& context, int col, int row, float sigma_color,
+inline void LoadReferencePatch(const MatchContext<CpuSampler>& context, int col, int row, float sigma_color,
                                const SingleThread&, ReferencePatch* patch) {
   const float inv_spatial = 0.5f / (context.options.sigma_spatial_px * context.options.sigma_spatial_px);
   const float inv_color = 0.5f / (sigma_color * sigma_color);

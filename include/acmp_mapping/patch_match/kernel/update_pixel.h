@@ -10,50 +10,22 @@
 
 namespace acmp {
 
-/// Of the views in the mask those that the costs of the first `matched` candidates do not reject yet. The others get
-/// the worst cost for the planes up to `count`: they will not be drawn.
-template <class Sampler, class Group, Method kMethod>
-ACMP_HOST_DEVICE inline uint32_t RejectViews(const PixelUpdate<Sampler, Group, kMethod>& pixel, uint32_t views,
-                                             int matched, int count) {
-  PixelScratch& scratch = *pixel.scratch;
-  const int num_sources = pixel.context.num_sources;
-  for (int view = 0; view < num_sources; ++view) {
-    if ((views >> view & 1u) == 0 ||
-        !IsViewRejected(scratch.ViewCost(0) + view, num_sources, matched, DecisiveCosts(pixel.regions))) {
-      continue;
-    }
-    views &= ~(1u << view);
-    for (int i = matched; i < count; ++i) scratch.ViewCost(i)[view] = kWorstCost;
-  }
-  return views;
-}
-
-/// The regions' candidates and the pixel's own plane in the scratch, with their photometric costs in those of `views`
-/// that can still be drawn. Returns how many; the own plane is the last.
+/// The regions' candidates and the pixel's own plane in the scratch, with their photometric costs in `views`. Returns
+/// how many; the own plane is the last.
 template <class Sampler, class Group, Method kMethod>
 ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Group, kMethod>& pixel, uint32_t views) {
   PixelScratch& scratch = *pixel.scratch;
   const int num_sources = pixel.context.num_sources;
   int* listed = scratch.DrawnViews();
-  int num_views = ListViews(views, num_sources, pixel.group, listed);
+  const int num_views = ListViews(views, num_sources, pixel.group, listed);
   const int candidates = CollectCandidates(pixel.context, pixel.col, pixel.row, pixel.ray, pixel.regions, pixel.group,
                                            scratch.planes, &scratch.count);
   if (pixel.group.Rank() == 0) scratch.planes[candidates] = pixel.context.planes(pixel.col, pixel.row);
   pixel.group.Sync();
   const int count = candidates + 1;
-  const auto store = [&](int i, int view, float cost) { scratch.ViewCost(i)[view] = cost; };
-  const auto view_of = [&](int k) { return listed[k]; };
-  int matched = 0;
-  if constexpr (Group::kSize == 1 && kMethod == Method::kOurs) {
-    // Rejecting views on the way gives the same bits, but costs a group on the GPU more time than it saves (5 %).
-    const int matched_first = DecisiveCosts(pixel.regions) + 1;
-    matched = candidates < matched_first ? candidates : matched_first;
-    MatchPairs(
-        pixel, matched, num_views, [](int i) { return i; }, view_of, store);
-    num_views = ListViews(RejectViews(pixel, views, matched, count), num_sources, pixel.group, listed);
-  }
   MatchPairs(
-      pixel, count - matched, num_views, [&](int i) { return matched + i; }, view_of, store);
+      pixel, count, num_views, [](int i) { return i; }, [&](int k) { return listed[k]; },
+      [&](int i, int view, float cost) { scratch.ViewCost(i)[view] = cost; });
   return count;
 }
 

@@ -24,13 +24,6 @@ ACMP_HOST_DEVICE inline float GoodCost(int iteration) {
   return 0.8f * expf(static_cast<float>(iteration * iteration) / -90.0f);
 }
 
-/// Whether these costs alone reject the view, whatever the others are.
-ACMP_HOST_DEVICE inline bool IsViewRejected(const float* costs, int stride, int count, int decisive) {
-  int bad = 0;
-  for (int i = 0; i < count; ++i) bad += costs[i * stride] > kBadCost ? 1 : 0;
-  return bad >= decisive;
-}
-
 /// P(X_j | Z_j, theta) of ACMP: the sum of eq. 9 over all hypotheses.
 ACMP_HOST_DEVICE inline float SumOfLikelihoods(const float* costs, int stride, int count,
                                                const PatchMatchOptions& options) {
