@@ -9,13 +9,13 @@
 
 #include <rosbag/view.h>
 #include <tf2/buffer_core.h>
-#include <tf2/exceptions.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include "acmp_mapping/image/rectifier.h"
-#include "acmp_mapping/ros/bag_reader.h"
+#include "acmp_mapping/ros/bag_file.h"
 #include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/reading_check.h"
+#include "acmp_mapping/ros/tf_lookup.h"
 #include "bag_feed.h"
 
 namespace acmp {
@@ -79,18 +79,12 @@ std::optional<double> NeededTolerance(const Stream& images, const Stream& poses)
   return needed_s <= kLargestSensible_s ? std::make_optional(needed_s) : std::nullopt;
 }
 
-/// Collects findings.
-class Findings {
- public:
+struct Findings : std::vector<Finding> {
   /// @param sentence what is joined to it
   template <class... Args>
   void Add(Severity severity, const Args&... sentence) {
-    list_.push_back({severity, Concat(sentence...)});
+    push_back({severity, Concat(sentence...)});
   }
-  std::vector<Finding> Take() { return std::move(list_); }
-
- private:
-  std::vector<Finding> list_;
 };
 
 void ReportOthers(const BagTopics& topics, const std::vector<std::string>& types, const std::string& chosen,
@@ -332,28 +326,6 @@ std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, cons
   return line;
 }
 
-TransformSource SourceOf(const tf2::BufferCore& transforms) {
-  TransformSource source;
-  source.find_pose = [&transforms](const std::string& world, const std::string& child,
-                                   int64_t stamp_ns) -> std::variant<PoseSample, std::string> {
-    try {
-      return ToPoseSample(
-          transforms.lookupTransform(world, child, ros::Time().fromNSec(static_cast<uint64_t>(stamp_ns))));
-    } catch (const tf2::TransformException& error) {
-      return std::string(error.what());
-    }
-  };
-  source.find_latest = [&transforms](const std::string& target,
-                                     const std::string& frame) -> std::optional<RigidTransform> {
-    try {
-      return ToTransform(transforms.lookupTransform(target, frame, ros::Time()).transform);
-    } catch (const tf2::TransformException&) {
-      return std::nullopt;
-    }
-  };
-  return source;
-}
-
 /// Poses from tf, where it has the images' frame. Returns whether it has.
 bool UseTf(const IntakeRun& run, const tf2::BufferCore& transforms, NodeOptions* options) {
   const std::string& camera = run.images.frame;
@@ -429,28 +401,22 @@ BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
   const bool asked_for_sources = !asked.topics.source_images.empty();
   if (!asked_for_sources) AddSecondCamera(&topics);
   const TopicChoice& chosen = topics.chosen;
-  NodeOptions options;
-  options.calibration_file = asked.calibration_file.string();
-  options.matcher.sync_tolerance_s = asked.sync_tolerance_s;
-  options.matcher.sparse_tolerance_s = asked.sparse_tolerance_s;
+  NodeOptions options = asked.mapper;
   options.matcher.source_cameras = static_cast<int>(chosen.source_images.size());
-  options.pose = asked.semantics;
-  if (asked.points_in_camera)
-    options.sparse_frame = *asked.points_in_camera ? SparseFrame::kCamera : SparseFrame::kWorld;
   tf2::BufferCore buffer(ros::Duration(1e9));  // as long as any bag
   LoadTransforms(bag, !chosen.pose.empty(), &buffer);
-  const TransformSource transforms = SourceOf(buffer);
+  const TransformSource transforms = TransformsOf(&buffer);
   Findings findings;
   // What a run tells may be what the next one needs.
   const auto feed = [&] { return FeedBag(bag, topics, options, transforms); };
   IntakeRun run = feed();
   if (chosen.pose.empty() && UseTf(run, buffer, &options)) run = feed();
   const auto needed_s = NeededTolerance(run.images, run.poses);
-  if (needed_s && *needed_s > asked.sync_tolerance_s) {
+  if (const double tolerance_s = options.matcher.sync_tolerance_s; needed_s && *needed_s > tolerance_s) {
     const size_t before = run.keyframes;
     options.matcher.sync_tolerance_s = 1.1 * *needed_s;
     run = feed();
-    findings.Add(Severity::kWarning, "only ", before, " images have a pose within ", asked.sync_tolerance_s,
+    findings.Add(Severity::kWarning, "only ", before, " images have a pose within ", tolerance_s,
                  " s; set ~sync_tolerance to ", options.matcher.sync_tolerance_s);
   }
   ReadingVerdict verdict = JudgeImages(bag, chosen.image, run);
@@ -473,7 +439,8 @@ BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
   ReportCompanions(topics, run, &findings);
   ReportIntake(run, options.matcher.sync_tolerance_s, verdict, asked_for_sources, &findings);
   const bool can_start = !chosen.image.empty() && (!chosen.pose.empty() || options.pose_source == PoseSource::kTf);
-  return {topics.all, chosen, findings.Take(), can_start ? LaunchLine(topics, options, run, asked_for_sources) : ""};
+  return {topics.all, chosen, std::move(findings),
+          can_start ? LaunchLine(topics, options, run, asked_for_sources) : ""};
 }
 
 }  // namespace

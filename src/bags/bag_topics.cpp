@@ -1,4 +1,4 @@
-#include "bag_topics.h"
+#include "bag_feed.h"
 
 #include <algorithm>
 #include <iterator>
@@ -100,13 +100,6 @@ std::vector<std::string> TypesOf() {
 std::string BagTopics::TypeOf(const std::string& name) const {
   const auto found = std::find_if(all.begin(), all.end(), [&](const BagTopic& t) { return t.name == name; });
   return found == all.end() ? "" : found->type;
-}
-
-std::string WithoutCompressed(const std::string& topic) {
-  const std::string suffix = "/compressed";
-  const bool ends =
-      topic.size() > suffix.size() && topic.compare(topic.size() - suffix.size(), suffix.size(), suffix) == 0;
-  return ends ? topic.substr(0, topic.size() - suffix.size()) : topic;
 }
 
 std::string CameraInfoBeside(const std::vector<BagTopic>& topics, const std::string& image) {

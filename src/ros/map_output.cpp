@@ -50,7 +50,7 @@ std::string DescribeLeftOut(const ColmapFolder& written) {
 }  // namespace
 
 MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options,
-                     std::function<void(const Incident&)> report)
+                     std::function<void(const RejectedInput&)> report)
     : map_(map),
       options_(options),
       report_(std::move(report)),

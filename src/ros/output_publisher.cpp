@@ -226,9 +226,10 @@ void OutputPublisher::HandleRefined(const KeyframeDepthPtr& maps) {
     std::string without_points;
     UpdateStatus([&](OutputStatus* status) {
       status->CountPoints(output);
-      without_points = status->DescribeRunWithoutPoints(origin.stamp_ns);
+      without_points = status->DescribeRunWithoutPoints();
     });
-    if (!without_points.empty()) Report({"no_points", without_points});
+    if (!without_points.empty())
+      Report({"no_points", Concat("image ", FormatStamp(origin.stamp_ns), ": ", without_points)});
   });
   if (!maps->prior_depth_rejection.empty()) {
     Report({"unused_prior_depth", Concat("image ", FormatStamp(origin.stamp_ns),

@@ -141,7 +141,7 @@ TEST(MapperDiagnostics, SayWhatIsWrong) {
          s->worker.outputs.run_without_points = OutputStatus::kRunWithoutPoints;
          s->worker.outputs.no_points_reason = "reprojection";
        },
-       kWarn, "the last 3 refined keyframes have no points: reprojection"}};
+       kWarn, "the last 3 refined keyframes have no points"}};
   for (const auto& c : cases) {
     MapperSnapshot snapshot = HealthyMapper();
     c.change(&snapshot);
@@ -221,8 +221,8 @@ TEST(LatencyWindow, ForgetsWhatIsLongAgo) {
 
 TEST(IncidentLog, TellsNewReasonsAtOnceRepeatsSeldomAndCountsTheImagesThatEnded) {
   IncidentLog log;
-  EXPECT_TRUE(log.Record(Incident{"a", "first"}, 0));
-  EXPECT_FALSE(log.Record(Incident{"a", "second"}, 4.9));
+  EXPECT_TRUE(log.Record(RejectedInput{"a", "first"}, 0));
+  EXPECT_FALSE(log.Record(RejectedInput{"a", "second"}, 4.9));
   EXPECT_TRUE(log.Record(RejectedInput{"b", "other", true}, 4.9));
   EXPECT_TRUE(log.Record(RejectedInput{"a", "third", false}, 5.0));
   EXPECT_FALSE(log.Record(RejectedInput{"a", "fourth", true}, 9.9));

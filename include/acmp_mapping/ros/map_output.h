@@ -62,7 +62,7 @@ class MapOutput {
   /// @param map outlives this
   /// @param report told why a topic is not published, and what is less than it should be; any thread
   MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options,
-            std::function<void(const Incident&)> report);
+            std::function<void(const RejectedInput&)> report);
 
   /// Any thread: soon ends what takes long. Nothing is published or saved afterwards.
   void Stop() { stopping_ = true; }
@@ -106,7 +106,7 @@ class MapOutput {
 
   const MapStore* const map_;
   const MapServerOptions options_;
-  const std::function<void(const Incident&)> report_;
+  const std::function<void(const RejectedInput&)> report_;
   std::atomic<bool> stopping_{false};
   std::mutex header_mutex_;  ///< guards the next two
   std::string world_frame_;
