@@ -60,7 +60,6 @@ class LifecycleTest : public SessionTest<MapperControl> {
     ros::param::del(kName);
     ros::param::set(std::string(kName) + "/device", "cpu");
     ros::param::set(std::string(kName) + "/preset", "online");
-    ros::param::set(std::string(kName) + "/diagnostic_period", 0.2);
     mapper().log.Clear();
     mapper().diagnostics.Clear();
   }

@@ -89,7 +89,6 @@ void LoadedNodelets::LoadMapper(const std::string& name, Parameters parameters,
 
 void LoadedNodelets::Load(const std::string& name, const std::string& type, const Parameters& parameters,
                           const std::map<std::string, std::string>& remap) {
-  ros::param::set(name + "/diagnostic_period", 0.2);  // that many tests wait for
   for (const auto& [parameter, value] : parameters) ros::param::set(name + "/" + parameter, value);
   EXPECT_TRUE(LoadNodelet(name, type, remap)) << name;
   names_.push_back(name);
