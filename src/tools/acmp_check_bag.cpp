@@ -107,6 +107,9 @@ int main(int argc, char** argv) {
         ->type_name(acmp::DescribeValues(option))
         ->default_str(acmp::ToYaml(option.get()));
   }
+  app.get_option("--pose-child")
+      ->default_str("camera_optical; what images, or frames and tf, say where neither is given");
+  app.get_option("--calibration-file")->type_name("FILE")->default_str("");
   return acmp::RunTool(app, argc, argv, [&] {
     options.semantics_declared = app.count("--pose-child") + app.count("--pose-is") > 0;
     return PrintReport(acmp::CheckBag(bag, options));
