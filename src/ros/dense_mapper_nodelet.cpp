@@ -419,7 +419,7 @@ class DenseMapperNodelet : public NodeletBase {
   /// Spent in a blocking queue: while it blocks no cloud can come in, so the clock of the wait for clouds stands still.
   double blocked_s_ = 0;
   mutable std::mutex intake_mutex_;
-  std::unique_ptr<TfLookup> tf_;  ///< null where nothing is looked up
+  std::unique_ptr<TfLookup> tf_;
   std::unique_ptr<KeyframeIntake> intake_;
 
   std::unique_ptr<MapperWorker> worker_;

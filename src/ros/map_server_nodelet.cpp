@@ -82,7 +82,7 @@ class MapServerNodelet : public NodeletBase {
     images_ = std::make_unique<ImageStore>(options_.save_folder);
     map_ = std::make_unique<MapStore>(options_.map);
     map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_,
-                                              [this](const RejectedInput& incident) { Report(incident); });
+                                              [this](const RejectedInput& rejected) { Report(rejected); });
     path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
     if (!options_.load_session.empty()) {
       const std::filesystem::path path = MapPathBelow(options_.save_folder, options_.load_session, kSessionEnding);
@@ -272,7 +272,7 @@ class MapServerNodelet : public NodeletBase {
   void HandleOptimizedPath(const nav_msgs::Path& message) {
     try {
       const OptimizedPath path =
-          ToOptimizedPath(message, path_frame_, [this](const RejectedInput& incident) { Report(incident); });
+          ToOptimizedPath(message, path_frame_, [this](const RejectedInput& rejected) { Report(rejected); });
       const ReposeResult result = map_->Repose(path.poses);
       for (const RejectedInput& doubt : {DescribeDoubt(path, result, path_frame_), DescribeTooFar(result)}) {
         if (!doubt.message.empty()) Report(doubt);
