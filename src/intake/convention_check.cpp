@@ -22,15 +22,16 @@ long Percent(double share) { return std::lround(100 * share); }
 
 /// Median distance of the points from their median, which far outliers do not change.
 double SizeOf(const std::vector<Eigen::Vector3d>& points) {
+  std::vector<double> values(points.size());
+  const auto median_of = [&](const auto& value) {
+    std::transform(points.begin(), points.end(), values.begin(), value);
+    return Median(values);
+  };
   Eigen::Vector3d middle;
   for (int axis = 0; axis < 3; ++axis) {
-    std::vector<double> values;
-    for (const Eigen::Vector3d& point : points) values.push_back(point[axis]);
-    middle[axis] = Median(std::move(values));
+    middle[axis] = median_of([axis](const Eigen::Vector3d& point) { return point[axis]; });
   }
-  std::vector<double> distances;
-  for (const Eigen::Vector3d& point : points) distances.push_back((point - middle).norm());
-  return Median(std::move(distances));
+  return median_of([&middle](const Eigen::Vector3d& point) { return (point - middle).norm(); });
 }
 
 /// A number for each cell of space; those of cells far apart may be equal.
@@ -98,11 +99,12 @@ std::vector<Eigen::Vector3d> ConventionCheck::TakeNew(const SparseCloud& cloud) 
 }
 
 double ConventionCheck::Recent(size_t Look::*count) const {
+  const size_t first = looks_.size() / 2;
   double sum = 0;
-  for (size_t i = looks_.size() / 2; i < looks_.size(); ++i) {
+  for (size_t i = first; i < looks_.size(); ++i) {
     sum += static_cast<double>(looks_[i].*count) / static_cast<double>(looks_[i].points);
   }
-  return sum / static_cast<double>(looks_.size() - looks_.size() / 2);
+  return sum / static_cast<double>(looks_.size() - first);
 }
 
 std::optional<std::string> ConventionCheck::Judge(const PoseSemantics& configured, bool cloud_in_camera) {
