@@ -103,16 +103,11 @@ void ReportOthers(const BagTopics& topics, const std::vector<std::string>& types
 /// camera_info of its own. Taken as a source camera, so that the intake tells whether it is one. Returns whether there
 /// is one.
 bool AddSecondCamera(BagTopics* topics) {
-  const auto messages = [&](const std::string& name) {
-    const auto found =
-        std::find_if(topics->all.begin(), topics->all.end(), [&](const auto& t) { return t.name == name; });
-    return found == topics->all.end() ? 0 : found->messages;
-  };
   TopicChoice* chosen = &topics->chosen;
-  const std::string type = topics->TypeOf(chosen->image);
+  const BagTopic images = topics->Find(chosen->image);
   for (const BagTopic& topic : topics->all) {
     const std::string info = CameraInfoBeside(topics->all, topic.name);
-    const bool same = topic.type == type && topic.messages == messages(chosen->image) && topic.messages > 0;
+    const bool same = topic.type == images.type && topic.messages == images.messages && topic.messages > 0;
     if (!same || topic.name == chosen->image || topic.name == chosen->mask) continue;
     if (info.empty() || info == chosen->camera_info) continue;
     chosen->source_images = {topic.name};
@@ -293,7 +288,7 @@ std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, cons
   const auto is_output = [](const BagTopic& topic) { return topic.name.rfind("/acmp/", 0) == 0; };
   set("namespace", std::any_of(topics.all.begin(), topics.all.end(), is_output) ? "acmp_again" : "acmp");
   set("image", WithoutCompressed(chosen.image));
-  if (topics.TypeOf(chosen.image) == ImageTypes().back()) set("image_transport", "compressed");
+  if (topics.Find(chosen.image).type == ImageTypes().back()) set("image_transport", "compressed");
   if (!options.calibration_file.empty()) {
     set("calibration_file", std::filesystem::absolute(options.calibration_file).string());
   } else if (chosen.camera_info.empty()) {
@@ -305,7 +300,7 @@ std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, cons
     set("pose_source", "tf");
     set("world_frame", options.world_frame);
   } else {
-    const auto type = std::find(PoseTypes().begin(), PoseTypes().end(), topics.TypeOf(chosen.pose));
+    const auto type = std::find(PoseTypes().begin(), PoseTypes().end(), topics.Find(chosen.pose).type);
     const std::string source = kPoseSources.at(static_cast<size_t>(type - PoseTypes().begin()));
     if (source != kPoseSources.front()) set("pose_source", source);
     set(source, chosen.pose);
@@ -313,7 +308,7 @@ std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, cons
     if (options.pose.child != PoseSemantics().child) set("pose_child", Name(options.pose.child));
   }
   if (!chosen.sparse_points.empty()) {
-    const bool is_new = topics.TypeOf(chosen.sparse_points) == CloudTypes().front();
+    const bool is_new = topics.Find(chosen.sparse_points).type == CloudTypes().front();
     set(is_new ? "sparse_points" : "sparse_points_v1", chosen.sparse_points);
   }
   if (!chosen.mask.empty()) set("mask", chosen.mask);

@@ -20,7 +20,7 @@ struct BagTopics {
   std::vector<BagTopic> all;
   TopicChoice chosen;
 
-  std::string TypeOf(const std::string& name) const;  ///< empty: there is no such topic
+  BagTopic Find(const std::string& name) const;  ///< without type and messages where there is no such topic
 };
 
 /// The camera_info beside an image's topic; empty: there is none.

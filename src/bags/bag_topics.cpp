@@ -97,9 +97,9 @@ std::vector<std::string> TypesOf() {
 
 }  // namespace
 
-std::string BagTopics::TypeOf(const std::string& name) const {
+BagTopic BagTopics::Find(const std::string& name) const {
   const auto found = std::find_if(all.begin(), all.end(), [&](const BagTopic& t) { return t.name == name; });
-  return found == all.end() ? "" : found->type;
+  return found == all.end() ? BagTopic() : *found;
 }
 
 std::string CameraInfoBeside(const std::vector<BagTopic>& topics, const std::string& image) {
@@ -153,7 +153,7 @@ BagTopics ChooseTopics(const rosbag::Bag& bag, const TopicChoice& wanted) {
     chosen.source_camera_infos.push_back(ChooseTopic(found.all, CameraInfoTypes(), info, "--source-camera-info"));
   }
   chosen.pose = ChooseTopic(found.all, PoseTypes(), wanted.pose, "--pose");
-  if (found.TypeOf(chosen.pose) == kTfType) chosen.pose.clear();
+  if (found.Find(chosen.pose).type == kTfType) chosen.pose.clear();
   chosen.sparse_points = ChooseTopic(found.all, CloudTypes(), wanted.sparse_points, "--sparse-points");
   return found;
 }
