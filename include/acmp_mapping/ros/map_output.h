@@ -108,9 +108,8 @@ class MapOutput {
   const MapServerOptions options_;
   const std::function<void(const RejectedInput&)> report_;
   std::atomic<bool> stopping_{false};
-  std::mutex header_mutex_;  ///< guards the next two
-  std::string world_frame_;
-  int64_t stamp_ns_ = 0;
+  std::mutex header_mutex_;
+  std_msgs::Header header_;           ///< guarded by it
   std::mutex publish_mutex_;          ///< held while a message is handed to roscpp
   std::atomic<uint64_t> emptied_{0};  ///< how often; changes with publish_mutex_ held
   PublishPace points_pace_, occupancy_pace_;
