@@ -9,13 +9,13 @@
 
 #include <rosbag/view.h>
 #include <tf2/buffer_core.h>
-#include <tf2/exceptions.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include "acmp_mapping/image/rectifier.h"
-#include "acmp_mapping/ros/bag_reader.h"
+#include "acmp_mapping/ros/bag_file.h"
 #include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/reading_check.h"
+#include "acmp_mapping/ros/tf_lookup.h"
 #include "bag_feed.h"
 
 namespace acmp {
@@ -79,18 +79,12 @@ std::optional<double> NeededTolerance(const Stream& images, const Stream& poses)
   return needed_s <= kLargestSensible_s ? std::make_optional(needed_s) : std::nullopt;
 }
 
-/// Collects findings.
-class Findings {
- public:
+struct Findings : std::vector<Finding> {
   /// @param sentence what is joined to it
   template <class... Args>
   void Add(Severity severity, const Args&... sentence) {
-    list_.push_back({severity, Concat(sentence...)});
+    push_back({severity, Concat(sentence...)});
   }
-  std::vector<Finding> Take() { return std::move(list_); }
-
- private:
-  std::vector<Finding> list_;
 };
 
 void ReportOthers(const BagTopics& topics, const std::vector<std::string>& types, const std::string& chosen,
@@ -109,16 +103,11 @@ void ReportOthers(const BagTopics& topics, const std::vector<std::string>& types
 /// camera_info of its own. Taken as a source camera, so that the intake tells whether it is one. Returns whether there
 /// is one.
 bool AddSecondCamera(BagTopics* topics) {
-  const auto messages = [&](const std::string& name) {
-    const auto found =
-        std::find_if(topics->all.begin(), topics->all.end(), [&](const auto& t) { return t.name == name; });
-    return found == topics->all.end() ? 0 : found->messages;
-  };
   TopicChoice* chosen = &topics->chosen;
-  const std::string type = topics->TypeOf(chosen->image);
+  const BagTopic images = topics->Find(chosen->image);
   for (const BagTopic& topic : topics->all) {
     const std::string info = CameraInfoBeside(topics->all, topic.name);
-    const bool same = topic.type == type && topic.messages == messages(chosen->image) && topic.messages > 0;
+    const bool same = topic.type == images.type && topic.messages == images.messages && topic.messages > 0;
     if (!same || topic.name == chosen->image || topic.name == chosen->mask) continue;
     if (info.empty() || info == chosen->camera_info) continue;
     chosen->source_images = {topic.name};
@@ -299,7 +288,7 @@ std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, cons
   const auto is_output = [](const BagTopic& topic) { return topic.name.rfind("/acmp/", 0) == 0; };
   set("namespace", std::any_of(topics.all.begin(), topics.all.end(), is_output) ? "acmp_again" : "acmp");
   set("image", WithoutCompressed(chosen.image));
-  if (topics.TypeOf(chosen.image) == ImageTypes().back()) set("image_transport", "compressed");
+  if (topics.Find(chosen.image).type == ImageTypes().back()) set("image_transport", "compressed");
   if (!options.calibration_file.empty()) {
     set("calibration_file", std::filesystem::absolute(options.calibration_file).string());
   } else if (chosen.camera_info.empty()) {
@@ -311,7 +300,7 @@ std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, cons
     set("pose_source", "tf");
     set("world_frame", options.world_frame);
   } else {
-    const auto type = std::find(PoseTypes().begin(), PoseTypes().end(), topics.TypeOf(chosen.pose));
+    const auto type = std::find(PoseTypes().begin(), PoseTypes().end(), topics.Find(chosen.pose).type);
     const std::string source = kPoseSources.at(static_cast<size_t>(type - PoseTypes().begin()));
     if (source != kPoseSources.front()) set("pose_source", source);
     set(source, chosen.pose);
@@ -319,7 +308,7 @@ std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, cons
     if (options.pose.child != PoseSemantics().child) set("pose_child", Name(options.pose.child));
   }
   if (!chosen.sparse_points.empty()) {
-    const bool is_new = topics.TypeOf(chosen.sparse_points) == CloudTypes().front();
+    const bool is_new = topics.Find(chosen.sparse_points).type == CloudTypes().front();
     set(is_new ? "sparse_points" : "sparse_points_v1", chosen.sparse_points);
   }
   if (!chosen.mask.empty()) set("mask", chosen.mask);
@@ -330,28 +319,6 @@ std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, cons
     set("sync_tolerance", Concat(options.matcher.sync_tolerance_s));
   }
   return line;
-}
-
-TransformSource SourceOf(const tf2::BufferCore& transforms) {
-  TransformSource source;
-  source.find_pose = [&transforms](const std::string& world, const std::string& child,
-                                   int64_t stamp_ns) -> std::variant<PoseSample, std::string> {
-    try {
-      return ToPoseSample(
-          transforms.lookupTransform(world, child, ros::Time().fromNSec(static_cast<uint64_t>(stamp_ns))));
-    } catch (const tf2::TransformException& error) {
-      return std::string(error.what());
-    }
-  };
-  source.find_latest = [&transforms](const std::string& target,
-                                     const std::string& frame) -> std::optional<RigidTransform> {
-    try {
-      return ToTransform(transforms.lookupTransform(target, frame, ros::Time()).transform);
-    } catch (const tf2::TransformException&) {
-      return std::nullopt;
-    }
-  };
-  return source;
 }
 
 /// Poses from tf, where it has the images' frame. Returns whether it has.
@@ -429,28 +396,22 @@ BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
   const bool asked_for_sources = !asked.topics.source_images.empty();
   if (!asked_for_sources) AddSecondCamera(&topics);
   const TopicChoice& chosen = topics.chosen;
-  NodeOptions options;
-  options.calibration_file = asked.calibration_file.string();
-  options.matcher.sync_tolerance_s = asked.sync_tolerance_s;
-  options.matcher.sparse_tolerance_s = asked.sparse_tolerance_s;
+  NodeOptions options = asked.mapper;
   options.matcher.source_cameras = static_cast<int>(chosen.source_images.size());
-  options.pose = asked.semantics;
-  if (asked.points_in_camera)
-    options.sparse_frame = *asked.points_in_camera ? SparseFrame::kCamera : SparseFrame::kWorld;
   tf2::BufferCore buffer(ros::Duration(1e9));  // as long as any bag
   LoadTransforms(bag, !chosen.pose.empty(), &buffer);
-  const TransformSource transforms = SourceOf(buffer);
+  const TransformSource transforms = TransformsOf(&buffer);
   Findings findings;
   // What a run tells may be what the next one needs.
   const auto feed = [&] { return FeedBag(bag, topics, options, transforms); };
   IntakeRun run = feed();
   if (chosen.pose.empty() && UseTf(run, buffer, &options)) run = feed();
   const auto needed_s = NeededTolerance(run.images, run.poses);
-  if (needed_s && *needed_s > asked.sync_tolerance_s) {
+  if (const double tolerance_s = options.matcher.sync_tolerance_s; needed_s && *needed_s > tolerance_s) {
     const size_t before = run.keyframes;
     options.matcher.sync_tolerance_s = 1.1 * *needed_s;
     run = feed();
-    findings.Add(Severity::kWarning, "only ", before, " images have a pose within ", asked.sync_tolerance_s,
+    findings.Add(Severity::kWarning, "only ", before, " images have a pose within ", tolerance_s,
                  " s; set ~sync_tolerance to ", options.matcher.sync_tolerance_s);
   }
   ReadingVerdict verdict = JudgeImages(bag, chosen.image, run);
@@ -473,7 +434,8 @@ BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
   ReportCompanions(topics, run, &findings);
   ReportIntake(run, options.matcher.sync_tolerance_s, verdict, asked_for_sources, &findings);
   const bool can_start = !chosen.image.empty() && (!chosen.pose.empty() || options.pose_source == PoseSource::kTf);
-  return {topics.all, chosen, findings.Take(), can_start ? LaunchLine(topics, options, run, asked_for_sources) : ""};
+  return {topics.all, chosen, std::move(findings),
+          can_start ? LaunchLine(topics, options, run, asked_for_sources) : ""};
 }
 
 }  // namespace

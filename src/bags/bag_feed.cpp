@@ -7,7 +7,6 @@
 
 #include <rosbag/view.h>
 
-#include "acmp_mapping/ros/bag_reader.h"
 #include "acmp_mapping/ros/checked_messages.h"
 
 namespace acmp {
@@ -20,9 +19,9 @@ class BagFeed {
   BagFeed(const BagTopics& topics, const NodeOptions& options, const TransformSource& transforms)
       : topics_(topics), options_(options), intake_(options, KeyframeGateOptions(), 0, transforms) {
     intake_.set_clouds_expected(!topics.chosen.sparse_points.empty());
-    intake_.set_masks_expected(!topics.chosen.mask.empty());
+    intake_.set_companion_expected(kMaskStream, !topics.chosen.mask.empty());
     run_.source_images.resize(topics.chosen.source_images.size());
-    for (size_t i = 0; i < run_.source_images.size(); ++i) intake_.set_source_expected(i, true);
+    for (size_t i = 0; i < run_.source_images.size(); ++i) intake_.set_companion_expected(kSourceStream + i, true);
     if (!options.calibration_file.empty()) TakeInfo(ReadCalibrationFile(options.calibration_file));
   }
 
@@ -75,7 +74,8 @@ class BagFeed {
       if (topic != chosen.source_images[i]) continue;
       WithImage(record, &run_.source_images[i], [&](const EncodedImage& image) {
         DecodeRgb(image);
-        intake_.AddSourceImage(i, WithoutPixels(image, topic, &run_.source_images[i]));
+        intake_.AddCompanion(kSourceStream + i,
+                             {ToStampNs(image.header().stamp), WithoutPixels(image, topic, &run_.source_images[i])});
       });
     }
     if (topic == chosen.image) {
@@ -143,10 +143,10 @@ class BagFeed {
   }
 
   void TakeMask(const sensor_msgs::ImageConstPtr& message) {
-    CompanionSample mask = ToMaskSample(message);
+    ImageSample mask = ToMaskSample(message);
     if (run_.calibration) DecodeMask(*mask.image, run_.calibration->camera);  // as the mapper does it later
     Count(mask.stamp_ns, message->header.frame_id, &run_.masks);
-    intake_.AddMask(std::move(mask));
+    intake_.AddCompanion(kMaskStream, std::move(mask));
   }
 
   void Take(std::vector<IntakeEvent> events) {

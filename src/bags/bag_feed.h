@@ -8,11 +8,32 @@
 
 #include <rosbag/bag.h>
 
+#include "acmp_mapping/bags/bag_check.h"
 #include "acmp_mapping/keyframe/depth_range.h"
-#include "acmp_mapping/ros/keyframe_intake.h"
-#include "bag_topics.h"
+#include "acmp_mapping/ros/input_sources.h"
 
 namespace acmp {
+
+constexpr char kTfType[] = "tf2_msgs/TFMessage";
+
+struct BagTopics {
+  std::vector<BagTopic> all;
+  TopicChoice chosen;
+
+  BagTopic Find(const std::string& name) const;  ///< without type and messages where there is no such topic
+};
+
+/// The camera_info beside an image's topic; empty: there is none.
+std::string CameraInfoBeside(const std::vector<BagTopic>& topics, const std::string& image);
+
+/// Types that the mapper takes, in order of preference.
+const std::vector<std::string>& ImageTypes();
+const std::vector<std::string>& CameraInfoTypes();
+const std::vector<std::string>& PoseTypes();
+const std::vector<std::string>& CloudTypes();
+
+/// Throws InvalidInputError when a wanted topic is not in the bag, or of a type that the mapper cannot use there.
+BagTopics ChooseTopics(const rosbag::Bag& bag, const TopicChoice& wanted);
 
 /// What the mapper makes of the messages of one topic.
 struct Stream {

@@ -3,45 +3,18 @@
 #include <cmath>
 
 #include <nav_msgs/Path.h>
-#include <sensor_msgs/distortion_models.h>
 #include <sensor_msgs/image_encodings.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/image/image_processing.h"
-#include "acmp_mapping/ros/bag_writer.h"
+#include "acmp_mapping/ros/bag_file.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/output_conversion.h"
 
 namespace acmp {
 namespace {
-
-struct RosDistortion {
-  std::string name;
-  size_t coefficients;
-};
-
-RosDistortion DistortionFor(LensDistortion::Model model) {
-  switch (model) {
-    case LensDistortion::Model::kNone:
-    case LensDistortion::Model::kBrownConrady:
-      return {sensor_msgs::distortion_models::PLUMB_BOB, 5};
-    case LensDistortion::Model::kRational:
-      return {sensor_msgs::distortion_models::RATIONAL_POLYNOMIAL, 8};
-    case LensDistortion::Model::kEquidistant:
-      return {sensor_msgs::distortion_models::EQUIDISTANT, 4};
-    case LensDistortion::Model::kUnified:
-      return {kUnifiedModel, 5};
-    case LensDistortion::Model::kExtendedUnified:
-      return {kExtendedUnifiedModel, 2};
-    case LensDistortion::Model::kDoubleSphere:
-      return {kDoubleSphereModel, 2};
-    case LensDistortion::Model::kEquirectangular:
-      return {kEquirectangularModel, 0};
-  }
-  throw InvalidInputError("unknown distortion model");
-}
 
 std_msgs::Header MakeHeader(int index, const std::string& frame, const RecordingOptions& options) {
   std_msgs::Header header;
@@ -204,15 +177,15 @@ sensor_msgs::Image ToMaskMessage(const Mask& mask, const std_msgs::Header& heade
 
 sensor_msgs::CameraInfo ToCameraInfo(const PinholeCamera& camera, const LensDistortion& distortion,
                                      const std_msgs::Header& header) {
-  const RosDistortion ros_distortion = DistortionFor(distortion.model);
-  if (distortion.coefficients.size() > ros_distortion.coefficients) {
-    throw InvalidInputError(Concat(distortion.coefficients.size(), " distortion coefficients: ", ros_distortion.name,
-                                   " has at most ", ros_distortion.coefficients));
+  const DistortionModel& model = DistortionModelOf(distortion.model);
+  if (distortion.coefficients.size() > model.most) {
+    throw InvalidInputError(
+        Concat(distortion.coefficients.size(), " distortion coefficients: ", model.name, " has at most ", model.most));
   }
   sensor_msgs::CameraInfo message = *ToCameraInfo(camera, header);
-  message.distortion_model = ros_distortion.name;
+  message.distortion_model = model.name;
   message.D = distortion.coefficients;
-  message.D.resize(ros_distortion.coefficients, 0.0);
+  message.D.resize(model.most, 0.0);
   return message;
 }
 

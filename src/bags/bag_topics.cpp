@@ -1,4 +1,4 @@
-#include "bag_topics.h"
+#include "bag_feed.h"
 
 #include <algorithm>
 #include <iterator>
@@ -97,16 +97,9 @@ std::vector<std::string> TypesOf() {
 
 }  // namespace
 
-std::string BagTopics::TypeOf(const std::string& name) const {
+BagTopic BagTopics::Find(const std::string& name) const {
   const auto found = std::find_if(all.begin(), all.end(), [&](const BagTopic& t) { return t.name == name; });
-  return found == all.end() ? "" : found->type;
-}
-
-std::string WithoutCompressed(const std::string& topic) {
-  const std::string suffix = "/compressed";
-  const bool ends =
-      topic.size() > suffix.size() && topic.compare(topic.size() - suffix.size(), suffix.size(), suffix) == 0;
-  return ends ? topic.substr(0, topic.size() - suffix.size()) : topic;
+  return found == all.end() ? BagTopic() : *found;
 }
 
 std::string CameraInfoBeside(const std::vector<BagTopic>& topics, const std::string& image) {
@@ -160,7 +153,7 @@ BagTopics ChooseTopics(const rosbag::Bag& bag, const TopicChoice& wanted) {
     chosen.source_camera_infos.push_back(ChooseTopic(found.all, CameraInfoTypes(), info, "--source-camera-info"));
   }
   chosen.pose = ChooseTopic(found.all, PoseTypes(), wanted.pose, "--pose");
-  if (found.TypeOf(chosen.pose) == kTfType) chosen.pose.clear();
+  if (found.Find(chosen.pose).type == kTfType) chosen.pose.clear();
   chosen.sparse_points = ChooseTopic(found.all, CloudTypes(), wanted.sparse_points, "--sparse-points");
   return found;
 }

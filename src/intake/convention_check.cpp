@@ -18,40 +18,20 @@ constexpr double kClearlyBetter = 1.5;    ///< times as many points in the image
 constexpr double kConvincingImage = 0.6;  ///< of the points in the image
 constexpr double kHopelessImage = 0.4;
 
-using Direction = PoseSemantics::Direction;
-using Child = PoseSemantics::Child;
-
 long Percent(double share) { return std::lround(100 * share); }
-
-/// Other meanings that the same pose could have, with the parameters that would declare them.
-std::vector<std::pair<std::string, PoseSemantics>> OtherSemantics(const PoseSemantics& configured) {
-  std::vector<std::pair<std::string, PoseSemantics>> others;
-  for (const Direction direction : {Direction::kWorldFromCam, Direction::kCamFromWorld}) {
-    for (const Child child : {Child::kCameraOptical, Child::kCameraFlu, Child::kBody}) {
-      const bool same = direction == configured.direction && child == configured.child;
-      if (same || (child == Child::kBody && !configured.body_from_cam)) continue;
-      const PoseSemantics other{direction, child, configured.body_from_cam};
-      others.emplace_back(Concat("~pose_is: ", Name(direction), ", ~pose_child: ", Name(child)), other);
-    }
-  }
-  if (configured.body_from_cam) {
-    others.emplace_back("~pose_child: body, the inverse of T_body_cam",
-                        PoseSemantics{configured.direction, Child::kBody, configured.body_from_cam->inverse()});
-  }
-  return others;
-}
 
 /// Median distance of the points from their median, which far outliers do not change.
 double SizeOf(const std::vector<Eigen::Vector3d>& points) {
+  std::vector<double> values(points.size());
+  const auto median_of = [&](const auto& value) {
+    std::transform(points.begin(), points.end(), values.begin(), value);
+    return Median(values);
+  };
   Eigen::Vector3d middle;
   for (int axis = 0; axis < 3; ++axis) {
-    std::vector<double> values;
-    for (const Eigen::Vector3d& point : points) values.push_back(point[axis]);
-    middle[axis] = Median(std::move(values));
+    middle[axis] = median_of([axis](const Eigen::Vector3d& point) { return point[axis]; });
   }
-  std::vector<double> distances;
-  for (const Eigen::Vector3d& point : points) distances.push_back((point - middle).norm());
-  return Median(std::move(distances));
+  return median_of([&middle](const Eigen::Vector3d& point) { return (point - middle).norm(); });
 }
 
 /// A number for each cell of space; those of cells far apart may be equal.
@@ -83,22 +63,21 @@ std::optional<std::string> ConventionCheck::Add(const PoseSemantics& configured,
   }
   const std::vector<Eigen::Vector3d> points = TakeNew(cloud);
   if (points.empty()) return std::nullopt;
-  if (looks_.empty() || looks_.back() >= kNewPoints) looks_.push_back(0);
-  looks_.back() += points.size();
-  Count("as configured", as_configured, points, camera);
-  Count(cloud_in_camera ? "~sparse_frame: world" : "~sparse_frame: camera", cloud_in_camera ? cam_from_world : same,
-        points, camera);
-  for (const auto& [name, semantics] : OtherSemantics(configured)) {
-    Count((cloud_in_camera ? "~sparse_frame: world, " : "") + name,
-          WorldFromCamera(semantics, cloud_received).inverse(), points, camera);
+  if (looks_.empty() || looks_.back().points >= kNewPoints) looks_.emplace_back();
+  Look& look = looks_.back();
+  look.points += points.size();
+  for (const Eigen::Vector3d& point : points) {
+    const Eigen::Vector3d in_camera = as_configured * point;
+    const Eigen::Vector3d otherwise = (cloud_in_camera ? cam_from_world : same) * point;
+    look.in_front += in_camera.z() > 0;
+    look.in_image += in_camera.z() > 0 && camera.Contains(camera.Project(in_camera));
+    look.in_image_otherwise += otherwise.z() > 0 && camera.Contains(camera.Project(otherwise));
   }
   const auto looks = static_cast<int>(looks_.size());
-  if (looks_.back() < kNewPoints || looks % kLooks != 0) return std::nullopt;
+  if (look.points < kNewPoints || looks % kLooks != 0) return std::nullopt;
   const int times = looks / kLooks;
   if ((times & (times - 1)) != 0) return std::nullopt;  // not yet doubled
-  auto warning = Judge(configured);
-  decided_ = decided_ || looks >= kLastLooks;
-  return warning;
+  return Judge(configured, cloud_in_camera);
 }
 
 std::vector<Eigen::Vector3d> ConventionCheck::TakeNew(const SparseCloud& cloud) {
@@ -119,64 +98,30 @@ std::vector<Eigen::Vector3d> ConventionCheck::TakeNew(const SparseCloud& cloud) 
   return points;
 }
 
-void ConventionCheck::Count(const std::string& name, const RigidTransform& cam_from_cloud,
-                            const std::vector<Eigen::Vector3d>& points, const PinholeCamera& camera) {
-  auto reading =
-      std::find_if(readings_.begin(), readings_.end(), [&](const Reading& known) { return known.name == name; });
-  if (reading == readings_.end()) reading = readings_.insert(readings_.end(), Reading{name, {}, {}});
-  reading->in_front.resize(looks_.size());
-  reading->in_image.resize(looks_.size());
-  for (const Eigen::Vector3d& in_cloud : points) {
-    const Eigen::Vector3d point = cam_from_cloud * in_cloud;
-    if (!(point.z() > 0)) continue;
-    ++reading->in_front.back();
-    reading->in_image.back() += camera.Contains(camera.Project(point));
-  }
-}
-
-double ConventionCheck::Recent(const std::vector<size_t>& counts) const {
+double ConventionCheck::Recent(size_t Look::*count) const {
+  const size_t first = looks_.size() / 2;
   double sum = 0;
-  for (size_t look = looks_.size() / 2; look < looks_.size(); ++look) {
-    sum += static_cast<double>(counts[look]) / static_cast<double>(looks_[look]);
+  for (size_t i = first; i < looks_.size(); ++i) {
+    sum += static_cast<double>(looks_[i].*count) / static_cast<double>(looks_[i].points);
   }
-  return sum / static_cast<double>(looks_.size() - looks_.size() / 2);
+  return sum / static_cast<double>(looks_.size() - first);
 }
 
-std::optional<std::string> ConventionCheck::Judge(const PoseSemantics& configured) {
-  const Reading& now = readings_.front();
-  const double now_image = Recent(now.in_image);
-  std::vector<const Reading*> others;
-  for (size_t i = 1; i < readings_.size(); ++i) others.push_back(&readings_[i]);
-  std::sort(others.begin(), others.end(),
-            [this](const Reading* a, const Reading* b) { return Recent(a->in_image) > Recent(b->in_image); });
-  const double best_image = Recent(others.front()->in_image);
-  // New points lie in the image with the right reading; some do so by chance with wrong ones.
-  const bool fits = best_image > kConvincingImage && best_image > kClearlyBetter * now_image;
-  const bool plausible = Recent(now.in_front) >= kPlausibleFront;
-  const bool hopeless = !plausible && std::max(best_image, now_image) < kHopelessImage;
+std::optional<std::string> ConventionCheck::Judge(const PoseSemantics& configured, bool cloud_in_camera) {
+  const double in_front = Recent(&Look::in_front), in_image = Recent(&Look::in_image);
+  const double otherwise = Recent(&Look::in_image_otherwise);
+  // New points lie in the image with the right reading; some do so by chance with a wrong one.
+  const bool fits = otherwise > kConvincingImage && otherwise > kClearlyBetter * in_image;
+  const bool hopeless = in_front < kPlausibleFront && std::max(otherwise, in_image) < kHopelessImage;
+  decided_ = fits || hopeless || looks_.size() >= static_cast<size_t>(kLastLooks);
   if (!fits && !hopeless) return std::nullopt;
-  const std::string found = Concat("of the last sparse points that were new ", Percent(Recent(now.in_front)),
-                                   " % lie in front of the camera and only ", Percent(now_image),
-                                   " % in the image (poses read as ", Describe(configured), ")");
-  std::string fitting;
-  size_t count = 0;
-  for (const Reading* other : others) {
-    if (count > 0 && Recent(other->in_image) * kClearlyBetter < best_image) break;
-    fitting += Concat(count++ == 0 ? "" : "; ", other->name, ": ", Percent(Recent(other->in_image)), " % in the image");
-  }
-  decided_ = hopeless || count == 1;
-  if (!decided_ && !warning_.empty()) return std::nullopt;  // that several fit has been told
-  if (hopeless) {
-    warning_ = Concat(
-        found, "; no other reading fits (best: ", fitting,
-        "): are they poses of the camera (those of an IMU or a robot need ~pose_child: body and T_body_cam), and "
-        "the points in the poses' world (~sparse_frame)?");
-  } else if (decided_) {
-    warning_ = Concat(found, "; with ", fitting, ": set this");
-  } else {
-    warning_ = Concat(
-        found, "; several other readings fit until the camera has moved on, and one of them is right: ", fitting);
-  }
+  const std::string other = Concat("~sparse_frame: ", cloud_in_camera ? "world" : "camera");
+  warning_ = Concat("of the last sparse points that were new ", Percent(in_front),
+                    " % lie in front of the camera and only ", Percent(in_image), " % in the image (poses read as ",
+                    Describe(configured), "); with ", other, ": ", Percent(otherwise), " % in the image");
+  warning_ += fits ? ": set this, unless the poses do not fit the images (~pose_is, ~pose_child, T_body_cam)"
+                   : ": do ~pose_is and ~pose_child say what the poses are (those of an IMU or a robot need "
+                     "~pose_child: body and T_body_cam), and are the points in the poses' world (~sparse_frame)?";
   return warning_;
 }
 

@@ -17,24 +17,13 @@ double ToMs(int64_t ns) { return static_cast<double>(ns) * 1e-6; }
 
 }  // namespace
 
-void Validate(const InputMatcherOptions& options) {
-  CheckRange("sync_tolerance", options.sync_tolerance_s, 0.0, 10.0);
-  CheckRange("sparse_tolerance", options.sparse_tolerance_s, 0.0, 1000.0);
-  CheckRange("sparse_wait", options.sparse_wait_s, 0.0, 10.0);
-  CheckRange("mask_wait", options.mask_wait_s, 0.0, 10.0);
-  CheckRange("image_capacity", options.image_capacity, 1, 1000);
-  CheckRange("source_cameras", options.source_cameras, 0, kMaxSourceCameras);
-  CheckRange("source_tolerance", options.source_tolerance_s, 0.0, 0.1);
-}
-
 InputMatcher::InputMatcher(const InputMatcherOptions& options)
     : options_(options),
       sync_tolerance_ns_(ToNs(options.sync_tolerance_s)),
       sparse_tolerance_ns_(ToNs(options.sparse_tolerance_s)) {
-  Validate(options);
   companions_.resize(kSourceStream);
   companions_.resize(kSourceStream + static_cast<size_t>(options.source_cameras),
-                     CompanionImages(std::max(kSameExposureNs, ToNs(options.source_tolerance_s))));
+                     Companions{std::max(kSameExposureNs, ToNs(options.source_tolerance_s))});
 }
 
 void InputMatcher::AddImage(ImageSample image) {
@@ -62,28 +51,22 @@ void InputMatcher::AddImage(ImageSample image) {
 }
 
 void InputMatcher::AddPose(PoseSample pose) {
-  const uint64_t arrival = ++arrivals_;
   const int64_t stamp_ns = pose.stamp_ns;
-  if (pose_runs_.Add(stamp_ns, arrival)) poses_.clear();
-  const auto place = std::upper_bound(poses_.begin(), poses_.end(), stamp_ns,
-                                      [](int64_t s, const ReceivedPose& p) { return s < p.sample.stamp_ns; });
-  poses_.insert(place, ReceivedPose{std::move(pose), false, arrival});
-  if (poses_.size() > kPoseCapacity) poses_.pop_front();
+  poses_.Add(stamp_ns, std::move(pose), ++arrivals_, kPoseCapacity);
 }
 
 void InputMatcher::AddCloud(SparseCloudPtr cloud) {
-  const uint64_t arrival = ++arrivals_;
-  if (cloud_runs_.Add(cloud->stamp_ns, arrival)) clouds_.clear();
-  clouds_.push_back({std::move(cloud), arrival});
-  if (clouds_.size() > CompanionCapacity()) clouds_.pop_front();
+  const int64_t stamp_ns = cloud->stamp_ns;
+  clouds_.Add(stamp_ns, std::move(cloud), ++arrivals_, CompanionCapacity());
 }
 
 size_t InputMatcher::CompanionCapacity() const {
   return static_cast<size_t>(options_.image_capacity) + kMoreThanImages;
 }
 
-void InputMatcher::AddCompanion(size_t stream, CompanionSample sample) {
-  companions_.at(stream).Add(std::move(sample), ++arrivals_, CompanionCapacity());
+void InputMatcher::AddCompanion(size_t stream, ImageSample sample) {
+  const int64_t stamp_ns = sample.stamp_ns;
+  companions_.at(stream).buffer.Add(stamp_ns, std::move(sample), ++arrivals_, CompanionCapacity());
 }
 
 std::vector<MatchEvent> InputMatcher::Take(double now_s) {
@@ -104,12 +87,11 @@ void InputMatcher::Clear(const std::string& reason) {
         reason, Concat("image ", FormatStamp(image.sample.stamp_ns), " was waiting (", reason, ")"), true});
   }
   images_.clear();
-  poses_.clear();
-  clouds_.clear();
-  for (CompanionImages& images : companions_) images.Clear();
+  poses_ = {};
+  clouds_ = {};
+  for (Companions& companions : companions_) companions.buffer = {};
   newest_image_ns_.reset();
   last_match_ns_.reset();
-  pose_runs_ = cloud_runs_ = TimeJumpTracker();
 }
 
 void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
@@ -119,9 +101,9 @@ void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
   for (const WaitingImage& image : images_) DropWaiting(image);
   images_.clear();
   // What is left of the old run would be poses and landmarks in what may be another world.
-  KeepNewRun(stamp_ns, &pose_runs_, &poses_);
-  KeepNewRun(stamp_ns, &cloud_runs_, &clouds_);
-  for (CompanionImages& images : companions_) images.StartRun(stamp_ns);
+  poses_.StartRun(stamp_ns);
+  clouds_.StartRun(stamp_ns);
+  for (Companions& companions : companions_) companions.buffer.StartRun(stamp_ns);
   events_.push_back(TimeJump{*newest_image_ns_, stamp_ns});
   newest_image_ns_.reset();
   last_match_ns_.reset();
@@ -154,32 +136,23 @@ void InputMatcher::SetPoseProblem(int64_t stamp_ns, const std::string& problem) 
 void InputMatcher::FindPoses(double now_s) {
   for (WaitingImage& image : images_) {
     if (image.pose) continue;
-    ReceivedPose* nearest = NearestUnusedPose(image.sample.stamp_ns);
-    if (!nearest || !PoseIsFinal(image.sample.stamp_ns, nearest->sample.stamp_ns)) continue;
+    auto* nearest = Nearest(poses_.received, image.sample.stamp_ns, true);
+    if (!nearest || !PoseIsFinal(image.sample.stamp_ns, nearest->stamp_ns)) continue;
     nearest->used = true;
     image.pose = nearest->sample;
     image.ready_since_s = now_s;
   }
 }
 
-InputMatcher::ReceivedPose* InputMatcher::NearestUnusedPose(int64_t stamp_ns) {
-  ReceivedPose* nearest = nullptr;
-  for (ReceivedPose& pose : poses_) {
-    if (!pose.used && (!nearest || Gap(pose, stamp_ns) < Gap(*nearest, stamp_ns))) nearest = &pose;
-  }
-  return nearest;
-}
-
-const InputMatcher::ReceivedPose* InputMatcher::NearestPose(int64_t stamp_ns) const {
-  const auto nearest = std::min_element(
-      poses_.begin(), poses_.end(), [&](const auto& a, const auto& b) { return Gap(a, stamp_ns) < Gap(b, stamp_ns); });
-  return nearest == poses_.end() ? nullptr : &*nearest;
+std::optional<int64_t> InputMatcher::PoseGapOf(int64_t stamp_ns) const {
+  const auto* nearest = Nearest(poses_.received, stamp_ns);
+  return nearest ? std::make_optional(nearest->stamp_ns - stamp_ns) : std::nullopt;
 }
 
 bool InputMatcher::PoseIsFinal(int64_t image_stamp_ns, int64_t pose_stamp_ns) const {
   const int64_t gap_ns = pose_stamp_ns - image_stamp_ns;
   if (std::llabs(gap_ns) > sync_tolerance_ns_) return false;
-  return gap_ns >= -kSameExposureNs || pose_runs_.newest_ns() >= image_stamp_ns;
+  return gap_ns >= -kSameExposureNs || poses_.runs.newest_ns() >= image_stamp_ns;
 }
 
 void InputMatcher::EmitReady(double now_s, bool wait) {
@@ -197,32 +170,29 @@ void InputMatcher::EmitReady(double now_s, bool wait) {
 
 bool InputMatcher::CloudIsSettled(const WaitingImage& image, double now_s) const {
   if (!clouds_expected_ || now_s - image.ready_since_s >= options_.sparse_wait_s) return true;
-  const int64_t earliest_ns = image.sample.stamp_ns - sync_tolerance_ns_;
-  // One of the run before, which came after the first image of this one, tells nothing of that image's.
-  const bool may_be_old = cloud_runs_.is_behind() && !last_match_ns_;
-  const int64_t latest_ns = may_be_old ? image.sample.stamp_ns + sparse_tolerance_ns_ : INT64_MAX;
-  return std::any_of(clouds_.begin(), clouds_.end(), [&](const ReceivedCloud& c) {
-    return c.cloud->stamp_ns >= earliest_ns && c.cloud->stamp_ns <= latest_ns;
-  });
+  const int64_t stamp_ns = image.sample.stamp_ns;
+  return clouds_.HasComeFrom(stamp_ns - sync_tolerance_ns_, stamp_ns + sparse_tolerance_ns_, !last_match_ns_);
 }
 
 SparseCloudPtr InputMatcher::ChooseCloud(int64_t stamp_ns) const {
   SparseCloudPtr nearest;
   int64_t nearest_gap_ns = sparse_tolerance_ns_;
-  for (const ReceivedCloud& received : clouds_) {
-    const int64_t gap_ns = std::llabs(received.cloud->stamp_ns - stamp_ns);
+  for (const auto& cloud : clouds_.received) {
+    const int64_t gap_ns = std::llabs(cloud.stamp_ns - stamp_ns);
     if (gap_ns > nearest_gap_ns) continue;
-    nearest = received.cloud;
+    nearest = cloud.sample;
     nearest_gap_ns = gap_ns;
   }
-  if (nearest || clouds_.empty()) return nearest;
-  return clouds_.back().cloud;
+  return nearest || clouds_.received.empty() ? nearest : clouds_.received.back().sample;
 }
 
 bool InputMatcher::CompanionsAreSettled(const WaitingImage& image, double now_s) const {
   if (now_s - image.ready_since_s >= options_.mask_wait_s) return true;
-  return std::all_of(companions_.begin(), companions_.end(), [&](const CompanionImages& images) {
-    return images.IsSettled(image.sample.stamp_ns, !last_match_ns_);
+  const int64_t stamp_ns = image.sample.stamp_ns;
+  return std::all_of(companions_.begin(), companions_.end(), [&](const Companions& companions) {
+    const int64_t tolerance_ns = companions.tolerance_ns;
+    return !companions.expected ||
+           companions.buffer.HasComeFrom(stamp_ns - tolerance_ns, stamp_ns + tolerance_ns, !last_match_ns_);
   });
 }
 
@@ -242,16 +212,20 @@ void InputMatcher::Emit(WaitingImage image) {
   last_match_ns_ = image.sample.stamp_ns;
   MatchedInput match{std::move(image.sample), std::move(*image.pose), nullptr, std::nullopt, {}};
   for (size_t stream = 0; stream < companions_.size(); ++stream) {
-    match.companions.push_back(companions_[stream].Find(match.image.stamp_ns));
-    if (match.companions.back() || !companions_[stream].expected()) continue;
-    events_.emplace_back(DescribeMissingCompanion(stream, match.image.stamp_ns));
+    const Companions& companions = companions_[stream];
+    const auto* nearest = Nearest(companions.buffer.received, match.image.stamp_ns);
+    const bool is_its = nearest && std::llabs(nearest->stamp_ns - match.image.stamp_ns) <= companions.tolerance_ns;
+    match.companions.push_back(is_its ? nearest->sample.image : nullptr);
+    if (!is_its && companions.expected) {
+      events_.emplace_back(DescribeMissingCompanion(stream, match.image.stamp_ns));
+    }
   }
   match.cloud = ChooseCloud(match.image.stamp_ns);
   if (match.cloud) {
     if (std::llabs(match.cloud->stamp_ns - match.image.stamp_ns) <= std::max(sync_tolerance_ns_, kSameExposureNs)) {
       match.cloud_pose = match.pose;
-    } else if (const ReceivedPose* pose = NearestPose(match.cloud->stamp_ns);
-               pose && std::llabs(pose->sample.stamp_ns - match.cloud->stamp_ns) <= sync_tolerance_ns_) {
+    } else if (const auto* pose = Nearest(poses_.received, match.cloud->stamp_ns);
+               pose && std::llabs(pose->stamp_ns - match.cloud->stamp_ns) <= sync_tolerance_ns_) {
       match.cloud_pose = pose->sample;
     }
   }
@@ -266,16 +240,15 @@ void InputMatcher::DropWaiting(const WaitingImage& image) {
 
 void InputMatcher::DropUnposed(const WaitingImage& image) {
   const int64_t stamp_ns = image.sample.stamp_ns;
-  last_gap_ = PoseGap{stamp_ns, std::nullopt, image.pose_problem};
-  if (const ReceivedPose* nearest = NearestPose(stamp_ns)) last_gap_->gap_ns = nearest->sample.stamp_ns - stamp_ns;
+  last_gap_ = PoseGap{stamp_ns, PoseGapOf(stamp_ns), image.pose_problem};
   events_.push_back(RejectedInput{"no_pose", DescribeMissingPose(image), true});
 }
 
 std::string InputMatcher::DescribeMissingPose(const WaitingImage& image) const {
   const int64_t stamp_ns = image.sample.stamp_ns;
   std::string nearest_text = image.pose_problem.empty() ? "no pose has been received" : image.pose_problem;
-  if (const ReceivedPose* nearest = NearestPose(stamp_ns)) {
-    nearest_text = Concat("nearest is ", ToMs(Gap(*nearest, stamp_ns)), " ms away");
+  if (const auto gap_ns = PoseGapOf(stamp_ns)) {
+    nearest_text = Concat("nearest is ", ToMs(std::llabs(*gap_ns)), " ms away");
   }
   return Concat("no pose within ", ToMs(sync_tolerance_ns_), " ms of image ", FormatStamp(stamp_ns), "; ",
                 nearest_text);

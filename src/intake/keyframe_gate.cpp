@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include "acmp_mapping/common/error.h"
-
 namespace acmp {
 namespace {
 
@@ -25,11 +23,6 @@ double SharedView(const RigidTransform& other_from_cam, const PinholeCamera& cam
 }
 
 }  // namespace
-
-void Validate(const KeyframeGateOptions& options) {
-  CheckRange("gate_baseline_ratio", options.min_baseline_ratio, 0.0, 10.0);
-  if (options.remembered == 0) throw InvalidInputError("remembered keyframes = 0: must be > 0");
-}
 
 bool KeyframeGate::Accept(const RigidTransform& world_from_cam, const PinholeCamera& camera, double median_depth) {
   const double min_baseline = median_depth > 0 ? options_.min_baseline_ratio * median_depth : 0;

@@ -81,8 +81,12 @@ std::string Describe(const PoseSemantics& semantics) {
   return Concat(Name(semantics.direction), " of ", Name(semantics.child));
 }
 
-PoseResolver::PoseResolver(const PoseSemantics& semantics, bool extrinsic_inverted, TransformLookup lookup)
-    : semantics_(semantics), extrinsic_inverted_(extrinsic_inverted), lookup_(std::move(lookup)) {
+PoseResolver::PoseResolver(const PoseSemantics& semantics, bool extrinsic_inverted, TransformLookup lookup,
+                           PoseSemantics::Child path_child)
+    : semantics_(semantics),
+      path_child_(path_child),
+      extrinsic_inverted_(extrinsic_inverted),
+      lookup_(std::move(lookup)) {
   if (!semantics_.body_from_cam) return;
   Choose(Source::kParameter, "parameter ~T_body_cam" + DescribePosition(*semantics_.body_from_cam));
 }
@@ -123,6 +127,11 @@ std::string PoseResolver::DescribeMissing() const {
   return Concat("T_body_cam is not known: ~T_body_cam is not set, tf has no transform from ",
                 named(body_frame_, "body_frame"), " to ", named(camera_frame_, "camera_frame"),
                 ", and nothing came on the topic extrinsic");
+}
+
+std::optional<RigidTransform> PoseResolver::PathChildFromCamera() const {
+  if (path_child_ == PoseSemantics::Child::kBody) return semantics_.body_from_cam;
+  return ChildFromCamera({semantics_.direction, path_child_});
 }
 
 std::optional<std::string> PoseResolver::TakeNotice() { return std::exchange(notice_, std::nullopt); }

@@ -1,4 +1,4 @@
-#include "acmp_mapping/ros/bag_reader.h"
+#include "acmp_mapping/ros/bag_file.h"
 
 #include <algorithm>
 #include <cerrno>
@@ -88,11 +88,15 @@ std::map<uint32_t, uint32_t> FindMessages(std::string_view chunk) {
   return connections;
 }
 
+/// Reads all records of a bag and checks what rosbag follows without looking: lengths, and the positions of chunks and
+/// messages that the index gives. rosbag would read, and write, wherever these lead it.
 class RecordReader {
  public:
+  /// @param max_bytes that reading a chunk may take
   RecordReader(const std::filesystem::path& path, size_t max_bytes)
       : file_(path, std::ios::binary), size_(std::filesystem::file_size(path)), max_bytes_(max_bytes) {}
 
+  /// Throws InvalidInputError without the file's name. A bag without index, which rosbag refuses, is left to it.
   void Check() {
     if (Take(kFirstLine.size()) != kFirstLine) throw InvalidInputError("is no bag of version 2.0");
     bool is_first = true;
@@ -199,12 +203,6 @@ class RecordReader {
   rosbag::StreamFactory streams_{&no_file_};
 };
 
-/// Reads all records of a bag and checks what rosbag follows without looking: lengths, and the positions of chunks and
-/// messages that the index gives. rosbag would read, and write, wherever these lead it. Throws InvalidInputError
-/// without the file's name. A bag without index, which rosbag refuses, is left to it.
-/// @param max_bytes that reading a chunk may take
-void CheckBagRecords(const std::filesystem::path& path, size_t max_bytes) { RecordReader(path, max_bytes).Check(); }
-
 }  // namespace
 
 void ReadBag(const std::filesystem::path& path, const char* when_cut_off,
@@ -213,7 +211,7 @@ void ReadBag(const std::filesystem::path& path, const char* when_cut_off,
   if (!std::ifstream(path)) throw InvalidInputError(Concat(path, ": cannot be opened: ", std::strerror(errno)));
   bool opened = false;
   try {
-    CheckBagRecords(path, max_bytes);
+    RecordReader(path, max_bytes).Check();
     const rosbag::Bag bag(path.string(), rosbag::bagmode::Read);
     opened = true;
     read(bag);

@@ -1,4 +1,4 @@
-#include "acmp_mapping/ros/bag_writer.h"
+#include "acmp_mapping/ros/bag_file.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>

@@ -201,9 +201,8 @@ void DescribeRunWithoutPoints(const OutputStatus& outputs, DiagnosticStatusWrapp
   status->add("newest refined keyframes without points", outputs.run_without_points);
   if (outputs.run_without_points == 0) return;
   status->add("checks that remove the points of the last one", outputs.no_points_reason);
-  if (outputs.run_without_points < OutputStatus::kRunWithoutPoints) return;
-  status->mergeSummary(DiagnosticStatus::WARN, Concat("the last ", outputs.run_without_points,
-                                                      " refined keyframes have no points: ", outputs.no_points_reason));
+  const std::string text = outputs.DescribeRunWithoutPoints();
+  if (!text.empty()) status->mergeSummary(DiagnosticStatus::WARN, text);
 }
 
 }  // namespace

@@ -16,32 +16,30 @@ namespace {
 
 constexpr int64_t kMaxImageSide = 32767;  // cv::remap, which rectifies images, has 16-bit coordinates
 
-/// A distortion model of CameraInfo, with the names that others give it, in small letters and digits alone.
-struct DistortionModel {
-  LensDistortion::Model model;
-  size_t least, most;  ///< coefficients
-  std::vector<const char*> names;
-};
-
-/// Null where the name is not known.
-const DistortionModel* FindModel(const std::string& name) {
+const std::vector<DistortionModel>& DistortionModels() {
   using Model = LensDistortion::Model;
   static const std::vector<DistortionModel> models = {
-      {Model::kBrownConrady, 4, 5, {"plumbbob", "radtan", "radialtangential", "brownconrady"}},
-      {Model::kRational, 4, 8, {"rationalpolynomial", "radialtangential8"}},
+      {Model::kBrownConrady, "plumb_bob", 4, 5, {"plumbbob", "radtan", "radialtangential", "brownconrady"}},
+      {Model::kRational, "rational_polynomial", 4, 8, {"rationalpolynomial", "radialtangential8"}},
       {Model::kEquidistant,
+       "equidistant",
        4,
        4,
        {"equidistant", "equi", "fisheye", "kannalabrandt", "kannalabrandt4", "kannalabrandt8"}},
-      {Model::kUnified, 5, 5, {kUnifiedModel, "unified", "omnidirectional", "omni", "omniradtan"}},
-      {Model::kExtendedUnified, 2, 2, {kExtendedUnifiedModel, "extendedunified", "enhancedunified"}},
-      {Model::kDoubleSphere, 2, 2, {"doublesphere", "ds"}},
-      {Model::kEquirectangular, 0, 0, {kEquirectangularModel, "spherical"}}};
+      {Model::kUnified, "mei", 5, 5, {"mei", "unified", "omnidirectional", "omni", "omniradtan"}},
+      {Model::kExtendedUnified, "eucm", 2, 2, {"eucm", "extendedunified", "enhancedunified"}},
+      {Model::kDoubleSphere, "double_sphere", 2, 2, {"doublesphere", "ds"}},
+      {Model::kEquirectangular, "equirectangular", 0, 0, {"equirectangular", "spherical"}}};
+  return models;
+}
+
+/// Null where the name is not known.
+const DistortionModel* FindModel(const std::string& name) {
   std::string plain;
   for (const unsigned char c : name) {
     if (std::isalnum(c)) plain += static_cast<char>(std::tolower(c));
   }
-  for (const DistortionModel& model : models) {
+  for (const DistortionModel& model : DistortionModels()) {
     for (const char* known : model.names) {
       if (plain == known) return &model;
     }
@@ -158,7 +156,14 @@ T ReadAs(const uint8_t* from, bool swap) {
 
 }  // namespace
 
-CompanionSample ToMaskSample(const sensor_msgs::ImageConstPtr& message) {
+const DistortionModel& DistortionModelOf(LensDistortion::Model model) {
+  for (const DistortionModel& known : DistortionModels()) {
+    if (known.model == model) return known;
+  }
+  return DistortionModels().front();
+}
+
+ImageSample ToMaskSample(const sensor_msgs::ImageConstPtr& message) {
   namespace encodings = sensor_msgs::image_encodings;
   const sensor_msgs::Image& mask = *message;
   const std::string name = Concat("mask ", FormatStamp(ToStampNs(mask.header.stamp)));
@@ -183,7 +188,7 @@ Mask DecodeMask(const EncodedImage& encoded, const PinholeCamera& camera) {
   return mask;
 }
 
-CompanionSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message) {
+ImageSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message) {
   namespace encodings = sensor_msgs::image_encodings;
   const sensor_msgs::Image& depth = *message;
   const std::string name = Concat("prior depth ", FormatStamp(ToStampNs(depth.header.stamp)));

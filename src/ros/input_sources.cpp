@@ -1,6 +1,7 @@
 #include "acmp_mapping/ros/input_sources.h"
 
-#include <atomic>
+#include <algorithm>
+#include <cstring>
 #include <functional>
 #include <utility>
 
@@ -8,7 +9,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/checked_messages.h"
-#include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
@@ -39,56 +39,11 @@ struct InputStream {
   size_t camera = 0;  ///< of source cameras
 };
 
-/// A subscription, whose status diagnostics read from another thread. `handle` may throw InvalidInputError; it becomes
-/// a drop with the stream's reason.
-template <class Message>
-class TopicSource : public InputSource {
- public:
-  using ConstPtr = boost::shared_ptr<const Message>;
-
-  TopicSource(ros::NodeHandle nh, const InputStream& stream, std::function<void(const ConstPtr&)> handle,
-              std::function<void(const RejectedInput&)> on_drop)
-      : stream_(stream), handle_(std::move(handle)), on_drop_(std::move(on_drop)) {
-    subscriber_ = SubscribeChecked<Message>(nh, stream.topic, stream.queue,
-                                            [this](const ConstPtr& message) { Receive(message); });
-  }
-
-  InputStatus status() const override {
-    return {stream_.kind,
-            subscriber_.getTopic(),
-            subscriber_.getNumPublishers(),
-            received_,
-            last_received_s_,
-            stream_.required,
-            TypeOf<Message>(),
-            {},
-            stream_.camera};
-  }
-
- private:
-  void Receive(const ConstPtr& message) {
-    ++received_;
-    last_received_s_ = SteadySeconds();
-    try {
-      handle_(message);
-    } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
-      on_drop_({stream_.reason, Concat(subscriber_.getTopic(), ": ", error.what()), BringsImages(stream_.kind)});
-    }
-  }
-
-  InputStream stream_;
-  std::function<void(const ConstPtr&)> handle_;
-  std::function<void(const RejectedInput&)> on_drop_;
-  std::atomic<uint64_t> received_{0};
-  std::atomic<double> last_received_s_{SteadySeconds()};
-  ros::Subscriber subscriber_;
-};
-
 /// "image/compressed" if that name is remapped, else beside the image as image_transport's publishers put it.
 std::string CompressedTopic(const ros::NodeHandle& nh, const std::string& image) {
-  const std::string name = image + "/" + names::kCompressedSuffix;
+  const std::string name = image + names::kCompressed;
   if (nh.resolveName(name, true) != nh.resolveName(name, false)) return nh.resolveName(name);
-  return nh.resolveName(image) + "/" + names::kCompressedSuffix;
+  return nh.resolveName(image) + names::kCompressed;
 }
 
 /// What makes the mapper take a topic of this type; empty: nothing does. The names of arguments and parameters are
@@ -107,12 +62,10 @@ std::string HowToTake(Kind kind, const std::string& type, const std::string& top
   if (kind == Kind::kCloud && type == TypeOf<sensor_msgs::PointCloud>()) return Concat("set sparse_points_v1:=", topic);
   if (kind == Kind::kImage && type == TypeOf<sensor_msgs::Image>())
     return Concat("set image_transport:=raw image:=", topic);
-  const std::string suffix = std::string("/") + names::kCompressedSuffix;
-  const bool ends =
-      topic.size() > suffix.size() && topic.compare(topic.size() - suffix.size(), suffix.size(), suffix) == 0;
   if (kind == Kind::kImage && type == TypeOf<sensor_msgs::CompressedImage>()) {
-    return ends ? Concat("set image_transport:=compressed image:=", topic.substr(0, topic.size() - suffix.size()))
-                : Concat("set image_transport:=compressed and remap image/compressed to ", topic);
+    const std::string image = WithoutCompressed(topic);
+    return image != topic ? Concat("set image_transport:=compressed image:=", image)
+                          : Concat("set image_transport:=compressed and remap image/compressed to ", topic);
   }
   return "";
 }
@@ -125,12 +78,9 @@ std::string AdviceOn(const InputStatus& input, const std::map<std::string, std::
   }
   if (found != published.end() || input.kind != Kind::kImage) return "";
   // Beside the name that was given: image_transport's other topic, or a name that has its suffix already.
-  const std::string suffix = std::string("/") + names::kCompressedSuffix;
-  std::string shorter = input.topic;
-  if (shorter.size() > suffix.size()) shorter.resize(shorter.size() - suffix.size());
-  for (const std::string& other : {input.topic + suffix, shorter}) {
+  for (const std::string& other : {input.topic + names::kCompressed, WithoutCompressed(input.topic)}) {
     const auto beside = published.find(other);
-    if (beside == published.end() || (other == shorter && other + suffix != input.topic)) continue;
+    if (beside == published.end()) continue;
     const std::string how = HowToTake(input.kind, beside->second, other);
     if (!how.empty()) return Concat("nobody publishes it, but ", other, ": ", how);
   }
@@ -166,12 +116,15 @@ class SourceFactory {
             kAsItIs, [camera](auto* intake, const auto& info) { intake->AddSourceCameraInfo(camera, *info); });
       }
       AddImages({Kind::kSourceImage, names::kSourceImages[camera], kImageQueue, "bad_source_image", false, camera},
-                [camera](auto* intake, const auto& image) { intake->AddSourceImage(camera, image); });
+                [camera](auto* intake, const auto& image) {
+                  intake->AddCompanion(kSourceStream + camera, {ToStampNs(image->header().stamp), image});
+                });
     }
     Add<sensor_msgs::Image>({Kind::kMask, names::kMask, kImageQueue, "bad_mask", false}, &ToMaskSample,
-                            &KeyframeIntake::AddMask);
-    Add<sensor_msgs::Image>({Kind::kPriorDepth, names::kPriorDepth, kImageQueue, "bad_prior_depth", false},
-                            &ToPriorDepthSample, &KeyframeIntake::AddPriorDepth);
+                            [](auto* intake, ImageSample mask) { intake->AddCompanion(kMaskStream, std::move(mask)); });
+    Add<sensor_msgs::Image>(
+        {Kind::kPriorDepth, names::kPriorDepth, kImageQueue, "bad_prior_depth", false}, &ToPriorDepthSample,
+        [](auto* intake, ImageSample depth) { intake->AddCompanion(kPriorDepthStream, std::move(depth)); });
     if (NeedsExtrinsic(options_)) {
       Add<nav_msgs::Odometry>(
           {Kind::kExtrinsic, names::kExtrinsic, 1, "bad_extrinsic", false},
@@ -198,22 +151,36 @@ class SourceFactory {
     }
   }
 
-  /// @param convert makes of a message what take(intake, sample) gets; the intake is not locked meanwhile
+  /// @param convert makes of a message what take(intake, sample) gets; the intake is not locked meanwhile. What either
+  /// throws becomes a drop with the stream's reason
   template <class Message, class Convert, class Take>
   void Add(InputStream stream, Convert convert, Take take) {
     // With overload: block the messages of a recording wait here, all of them (0: no limit).
     if (options_.overload == OverloadPolicy::kBlock && stream.queue > 1) stream.queue = 0;
-    const auto handle = [kind = stream.kind, sink = sink_, convert,
-                         take](const boost::shared_ptr<const Message>& message) {
-      if (EndsWhilePaused(kind) && sink.is_paused()) {
-        const std::string stamp = FormatStamp(ToStampNs(ros::message_traits::header(*message)->stamp));
-        if (BringsImages(kind)) sink.on_drop({"paused", Concat("image ", stamp, " (~pause)"), true});
-        return;
+    InputSource& source = *sources_.emplace_back(std::make_unique<InputSource>());
+    source.fixed.kind = stream.kind;
+    source.fixed.topic = nh_.resolveName(stream.topic);
+    source.fixed.required = stream.required;
+    source.fixed.type = TypeOf<Message>();
+    source.fixed.camera = stream.camera;
+    const auto receive = [&source, reason = stream.reason, sink = sink_, convert,
+                          take](const boost::shared_ptr<const Message>& message) {
+      const Kind kind = source.fixed.kind;
+      ++source.received;
+      source.last_received_s = SteadySeconds();
+      try {
+        if (EndsWhilePaused(kind) && sink.is_paused()) {
+          const std::string stamp = FormatStamp(ToStampNs(ros::message_traits::header(*message)->stamp));
+          if (BringsImages(kind)) sink.on_drop({"paused", Concat("image ", stamp, " (~pause)"), true});
+          return;
+        }
+        auto sample = convert(message);
+        sink.receive([&](KeyframeIntake* intake) { std::invoke(take, intake, std::move(sample)); });
+      } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
+        sink.on_drop({reason, Concat(source.fixed.topic, ": ", error.what()), BringsImages(kind)});
       }
-      auto sample = convert(message);
-      sink.receive([&](KeyframeIntake* intake) { std::invoke(take, intake, std::move(sample)); });
     };
-    sources_.push_back(std::make_unique<TopicSource<Message>>(nh_, stream, handle, sink_.on_drop));
+    source.subscriber = SubscribeChecked<Message>(nh_, stream.topic, stream.queue, receive);
   }
 
   template <class Message>
@@ -270,9 +237,22 @@ class SourceFactory {
 
 }  // namespace
 
+InputStatus InputSource::status() const {
+  InputStatus status = fixed;
+  status.publishers = subscriber.getNumPublishers();
+  status.received = received;
+  status.last_received_s = last_received_s;
+  return status;
+}
+
 std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle& nh, const NodeOptions& options,
                                                            const InputSink& sink) {
   return SourceFactory(nh, options, sink).Make();
+}
+
+std::string WithoutCompressed(const std::string& topic) {
+  const size_t end = topic.size() - std::min(topic.size(), std::strlen(names::kCompressed));
+  return end > 0 && topic.compare(end, std::string::npos, names::kCompressed) == 0 ? topic.substr(0, end) : topic;
 }
 
 void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs) {

@@ -57,8 +57,7 @@ KeyframeIntake::KeyframeIntake(const NodeOptions& options, const KeyframeGateOpt
       transforms_(transforms),
       matcher_(options.matcher),
       sources_(options, transforms.find_latest),
-      resolver_(options.pose, options.extrinsic_inverted, transforms.find_latest),
-      path_resolver_(PathSemantics(options), options.extrinsic_inverted, transforms.find_latest),
+      resolver_(options.pose, options.extrinsic_inverted, transforms.find_latest, PathChild(options)),
       fallback_depth_(fallback_depth) {
   gate_.set_options(gate);
 }
@@ -89,11 +88,6 @@ void KeyframeIntake::AddCameraInfo(const sensor_msgs::CameraInfo& info) {
 const CalibrationPtr& KeyframeIntake::CalibrationAt(int64_t stamp_ns) const {
   const auto later = calibrations_.upper_bound(stamp_ns);
   return later == calibrations_.begin() ? calibration_ : std::prev(later)->second;
-}
-
-void KeyframeIntake::AddSourceImage(size_t camera, std::shared_ptr<const EncodedImage> image) {
-  const int64_t stamp_ns = ToStampNs(image->header().stamp);
-  matcher_.AddCompanion(kSourceStream + camera, {stamp_ns, std::move(image)});
 }
 
 void KeyframeIntake::AddPose(PoseSample pose) {
@@ -131,15 +125,8 @@ std::string KeyframeIntake::CameraFrame() const {
   return calibration_->frame_id;
 }
 
-void KeyframeIntake::SetExtrinsic(const RigidTransform& received) {
-  resolver_.SetExtrinsic(received);
-  path_resolver_.SetExtrinsic(received);
-}
-
 void KeyframeIntake::UpdateObstacle() {
-  const std::string body_frame = options_.body_frame.empty() ? child_frame_ : options_.body_frame;
-  resolver_.Update(body_frame, CameraFrame());
-  path_resolver_.Update(body_frame, CameraFrame());
+  resolver_.Update(options_.body_frame.empty() ? child_frame_ : options_.body_frame, CameraFrame());
   std::optional<RejectedInput> obstacle;
   if (!calibration_) {
     obstacle = RejectedInput{"no_camera_info", "no usable camera_info has been received"};
@@ -204,10 +191,7 @@ void KeyframeIntake::StartOver() {
 
 std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched) {
   std::vector<IntakeEvent> events = std::exchange(forgotten_, {});
-  auto notice = resolver_.TakeNotice();
-  auto path_notice = path_resolver_.TakeNotice();
-  if (!notice) notice = std::move(path_notice);
-  if (notice) events.emplace_back(Notice{false, std::move(*notice)});
+  if (auto notice = resolver_.TakeNotice()) events.emplace_back(Notice{false, std::move(*notice)});
   for (MatchEvent& event : matched) {
     if (auto* match = std::get_if<MatchedInput>(&event)) {
       Convert(*match, &events);
@@ -329,9 +313,8 @@ PathConvention KeyframeIntake::MakePathConvention() const {
   // A double resolves 119 ns of today's stamps, and some frontends cut them to microseconds.
   constexpr int64_t kLeastToleranceNs = 1000;
   PathConvention path;
-  path.maps_world_to_child = path_resolver_.semantics().direction == PoseSemantics::Direction::kCamFromWorld;
-  path.child_from_cam.reset();
-  if (path_resolver_.ready()) path.child_from_cam = ChildFromCamera(path_resolver_.semantics());
+  path.maps_world_to_child = options_.pose.direction == PoseSemantics::Direction::kCamFromWorld;
+  path.child_from_cam = resolver_.PathChildFromCamera();
   path.tolerance_ns = std::max<int64_t>(kLeastToleranceNs, std::llround(options_.matcher.sync_tolerance_s * 1e9));
   return path;
 }

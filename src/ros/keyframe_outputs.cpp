@@ -111,10 +111,10 @@ void OutputStatus::CountPoints(const KeyframeOutput& output) {
       output.maps->no_points_reason.value_or(Concat("all ", output.maps->points_in_camera.size(), " are masked"));
 }
 
-std::string OutputStatus::DescribeRunWithoutPoints(int64_t stamp_ns) const {
+std::string OutputStatus::DescribeRunWithoutPoints() const {
   if (run_without_points < kRunWithoutPoints) return "";
-  return Concat("the last ", run_without_points, " refined keyframes have no points; of image ", FormatStamp(stamp_ns),
-                " these checks remove them: ", no_points_reason);
+  return Concat("the last ", run_without_points,
+                " refined keyframes have no points; these checks remove those of the last one: ", no_points_reason);
 }
 
 }  // namespace acmp

@@ -143,7 +143,7 @@ KeyframePointsHead ReadHead(const KeyframePoints& message, size_t max_bytes) {
 }
 
 OptimizedPath ToOptimizedPath(const nav_msgs::Path& message, const std::string& path_frame,
-                              const std::function<void(const Incident&)>& on_bad_pose) {
+                              const std::function<void(const RejectedInput&)>& on_bad_pose) {
   OptimizedPath path;
   path.poses.reserve(message.poses.size());
   for (const geometry_msgs::PoseStamped& pose : message.poses) {
@@ -161,7 +161,7 @@ OptimizedPath ToOptimizedPath(const nav_msgs::Path& message, const std::string& 
   return path;
 }
 
-Incident DescribeDoubt(const OptimizedPath& path, const ReposeResult& result, const std::string& path_frame) {
+RejectedInput DescribeDoubt(const OptimizedPath& path, const ReposeResult& result, const std::string& path_frame) {
   const auto to_ms = [](int64_t ns) { return static_cast<double>(ns) * 1e-6; };
   if (path.in_other_frame > 0) {
     return {"optimized_path_frame",
@@ -184,7 +184,7 @@ Incident DescribeDoubt(const OptimizedPath& path, const ReposeResult& result, co
   return {};
 }
 
-Incident DescribeTooFar(const ReposeResult& result) {
+RejectedInput DescribeTooFar(const ReposeResult& result) {
   if (!result.first_too_far) return {};
   const ReposeResult::TooFar& first = *result.first_too_far;
   return {"optimized_path_too_far",

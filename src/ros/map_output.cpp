@@ -50,7 +50,7 @@ std::string DescribeLeftOut(const ColmapFolder& written) {
 }  // namespace
 
 MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options,
-                     std::function<void(const Incident&)> report)
+                     std::function<void(const RejectedInput&)> report)
     : map_(map),
       options_(options),
       report_(std::move(report)),
@@ -59,16 +59,13 @@ MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOpt
 
 void MapOutput::SetHeader(const std::string& world_frame, int64_t stamp_ns) {
   std::lock_guard<std::mutex> lock(header_mutex_);
-  world_frame_ = world_frame;
-  stamp_ns_ = stamp_ns;
+  header_.frame_id = world_frame;
+  header_.stamp.fromNSec(static_cast<uint64_t>(stamp_ns));
 }
 
 std_msgs::Header MapOutput::Header() {
   std::lock_guard<std::mutex> lock(header_mutex_);
-  std_msgs::Header header;
-  header.frame_id = world_frame_;
-  header.stamp.fromNSec(static_cast<uint64_t>(stamp_ns_));
-  return header;
+  return header_;
 }
 
 template <class Message>

@@ -1,6 +1,16 @@
-#include "acmp_mapping/ros/map_server_nodelet.h"
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
 
+#include <acmp_mapping/KeyframePoints.h>
 #include <acmp_mapping/LoadSession.h>
+#include <acmp_mapping/SaveSession.h>
+#include <nav_msgs/Path.h>
 #include <tf2_eigen/tf2_eigen.h>
 #include <boost/make_shared.hpp>
 #include <pluginlib/class_list_macros.hpp>
@@ -9,9 +19,14 @@
 #include "acmp_mapping/map/find_transform.h"
 #include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/ros/checked_messages.h"
+#include "acmp_mapping/ros/diagnostics.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/keyframe_points.h"
+#include "acmp_mapping/ros/map_output.h"
+#include "acmp_mapping/ros/nodelet_base.h"
+#include "acmp_mapping/ros/options.h"
 #include "acmp_mapping/ros/output_conversion.h"
+#include "acmp_mapping/ros/session_bag.h"
 #include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
@@ -40,267 +55,306 @@ RigidTransform WorldFromSession(geometry_msgs::Transform transform) {
 
 }  // namespace
 
-MapServerNodelet::~MapServerNodelet() {
-  if (map_output_) map_output_->Stop();
-  looking_thread_.Stop();  // first: services wait for it
-  StopThreads();
-  occupancy_thread_.Stop();
-}
-
-void MapServerNodelet::Start() {
-  ParameterReader reader = ReadParameters();
-  options_ = LoadMapServerOptions(&reader);
-  WarnOfUnknown(reader);
-  images_ = std::make_unique<ImageStore>(options_.save_folder);
-  map_ = std::make_unique<MapStore>(options_.map);
-  map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_,
-                                            [this](const Incident& incident) { Report(incident); });
-  path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
-  if (!options_.load_session.empty()) {
-    const std::filesystem::path path = MapPathBelow(options_.save_folder, options_.load_session, kSessionEnding);
-    JoinSession(path, LoadFile(path), RigidTransform::Identity());
-    NODELET_INFO("loaded %zu keyframes of %s", map_->statistics().keyframes, options_.load_session.c_str());
+/// One map of the keyframes of any number of mappers: cameras of a rig, robots, hosts. Corrects it by loop closures,
+/// bounds, publishes, saves and loads it. All poses are in one world, and optimized_path is of the frontend that they
+/// all come from: keyframes that it has no pose for move with those that it has one for.
+///
+/// Threads: one for keyframes and paths, in the order of their arrival; one in which keyframes look around; one for
+/// services, which also publishes the map, and one for reset; one for occupancy; one for diagnostics; one that asks the
+/// ROS master. Services first wait for all keyframes that have arrived, and until they have looked: in one process with
+/// a mapper, these are all that the mapper has published.
+///
+/// mutex_ guards what diagnostics read, for a moment; none is held while another one is taken.
+class MapServerNodelet : public NodeletBase {
+ public:
+  ~MapServerNodelet() override {
+    if (map_output_) map_output_->Stop();
+    looking_thread_.Stop();  // first: services wait for it
+    StopThreads();
+    occupancy_thread_.Stop();
   }
-  Subscribe();
-  StartServices();
-  diagnostics_ = std::make_unique<Diagnostics<MapSnapshot>>(
-      &status_thread_, getNodeHandle(), getName(), [this] { return TakeSnapshot(); },
-      Diagnostics<MapSnapshot>::Statuses{{"map", &DescribeMap}, {"mappers", &DescribeMappers}});
-  NODELET_INFO("maps the keyframes of %s", keyframes_.getTopic().c_str());
-}
 
-void MapServerNodelet::Subscribe() {
-  ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
-  keyframes_ = SubscribeChecked<KeyframePoints>(
-      nh, names::kKeyframePoints, kKeyframeQueue, [this](const auto& message) { Receive(*message); },
-      ros::TransportHints().tcpNoDelay());
-  optimized_path_ = SubscribeChecked<nav_msgs::Path>(nh, names::kOptimizedPath, kPathQueue,
-                                                     [this](const auto& message) { HandleOptimizedPath(*message); });
-}
-
-void MapServerNodelet::StartServices() {
-  AddTrigger(&urgent_thread_, names::kReset, [this] {
-    CallInInputThread([this] { Forget(); });
-    return "the map is empty";
-  });
-  AddTrigger(&service_thread_, names::kPublishMap, [this] {
-    WaitForArrived();
-    return Concat("published ", map_output_->Publish(), " points");
-  });
-  const auto missing = [this] { return DescribeMissing(TakeSnapshot().mappers); };
-  const auto save_map = [this](const auto& request, auto* response) {
-    WaitForArrived();
-    *response = map_output_->Save(request);
-  };
-  AddService<acmp_mapping::SaveMap>(&service_thread_, names::kSaveMap, save_map, missing);
-  const auto save_session = [this](const auto& request, auto* response) {
-    WaitForArrived();
-    response->message = SaveSession(request.path, response);
-  };
-  AddService<acmp_mapping::SaveSession>(&service_thread_, names::kSaveSession, save_session, missing);
-  AddService<acmp_mapping::LoadSession>(
-      &service_thread_, names::kLoadSession, [this](const auto& request, auto* response) {
-        const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kSessionEnding);
-        RigidTransform world_from_session = WorldFromSession(request.T_world_session);
-        Session session = LoadFile(path);
-        std::string where;
-        if (request.find_transform) {
-          if (!world_from_session.isApprox(RigidTransform::Identity())) {
-            throw InvalidInputError("T_world_session and find_transform: must be one of them");
-          }
-          where = FindSession(path, session, &world_from_session);
-        }
-        for (const SessionKeyframe& keyframe : session.map.keyframes)
-          response->points += keyframe.points_in_camera->size();
-        response->keyframes = session.map.keyframes.size();
-        CallInInputThread([&] { JoinSession(path, std::move(session), world_from_session); });
-        response->T_world_session = tf2::eigenToTransform(world_from_session).transform;
-        response->message = Concat("loaded ", response->keyframes, " keyframes of ", path.string(), where);
-      });
-  publish_timer_ = service_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishIfDue(); });
-  occupancy_timer_ =
-      occupancy_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishOccupancyIfDue(); });
-  occupancy_thread_.Start();
-  looking_thread_.Start();
-}
-
-std::string MapServerNodelet::SaveSession(const std::string& path,
-                                          acmp_mapping::SaveSession::Response* response) const {
-  const std::filesystem::path file = MapPathBelow(options_.save_folder, path, kSessionEnding);
-  const bool replaces = std::filesystem::exists(file);
-  const Session session = {map_->Session(), map_output_->Header().frame_id};
-  WriteSession(file, session, [this] { map_output_->CheckStopped(); });
-  for (const SessionKeyframe& keyframe : session.map.keyframes) response->points += keyframe.points_in_camera->size();
-  response->keyframes = session.map.keyframes.size();
-  return Concat("saved ", response->points, " points of ", response->keyframes, " keyframes to ", file.string(),
-                replaces ? kReplaced : "");
-}
-
-std::string MapServerNodelet::FindSession(const std::filesystem::path& path, const Session& session,
-                                          RigidTransform* world_from_session) {
-  WaitForArrived();
-  FoundTransform found;
-  try {
-    found = FindTransform(map_->Session(), session.map, [this] { map_output_->CheckStopped(); });
-  } catch (const InvalidInputError& error) {
-    throw InvalidInputError(Concat(path, ": where it lies in the map is not sure: ", error.what(),
-                                   "; nothing was loaded: give T_world_session"));
-  }
-  *world_from_session = found.map_from_session;
-  const Eigen::Vector3d& at = found.map_from_session.translation();
-  return Concat("; T_world_session was found by ", found.matches, " matches, position (", at.x(), ", ", at.y(), ", ",
-                at.z(), "): of ", std::lround(100 * found.overlap), " % of its points, which the map's cameras saw, ",
-                std::lround(100 * found.agreement), " % lie on the map's surfaces");
-}
-
-Session MapServerNodelet::LoadFile(const std::filesystem::path& path) {
-  return ReadSession(path, options_.memory_limit_bytes(),
-                     [this](const KeyframePoints& message) { return KeepImage(message); });
-}
-
-void MapServerNodelet::JoinSession(const std::filesystem::path& path, Session session,
-                                   const RigidTransform& world_from_session) {
-  const bool begins_anew = map_->statistics().keyframes == 0;
-  const KeyframePose newest = session.map.keyframes.back().pose;
-  try {
-    map_->Join(std::move(session.map), world_from_session);
-  } catch (const InvalidInputError& error) {
-    throw InvalidInputError(Concat(path, ": ", error.what(), "; nothing was loaded"));
-  }
-  if (begins_anew) {
-    world_frame_ = session.world_frame;
-    path_frame_ = newest.path_frame;
-    newest_stamp_ns_ = newest.stamp_ns;
-  }
-  CheckFrame(path.string(), session.world_frame);
-  map_output_->SetHeader(world_frame_, newest_stamp_ns_);
-  PublishPath();
-}
-
-void MapServerNodelet::Forget() {
-  map_->Clear();
-  PublishPath();  // none, in the old frame: what is latched is no more
-  map_output_->PublishNothing();
-  world_frame_.clear();
-  path_frame_.clear();
-  newest_stamp_ns_ = 0;
-  counts_.clear();
-  std::lock_guard<std::mutex> lock(mutex_);
-  mappers_.clear();
-}
-
-void MapServerNodelet::Receive(const KeyframePoints& message) {
-  try {
-    const KeyframePointsHead head = ReadHead(message, options_.memory_limit_bytes());
-    CountMessage(head.key.mapper, message);
-    CheckFrame(head.key.mapper, head.world_frame);
-    AddKeyframe(head, message);
-  } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
-    Report(Incident{"bad_keyframe", Concat(NameOf(message), ": ", error.what())});
-  }
-}
-
-void MapServerNodelet::CountMessage(const std::string& mapper, const KeyframePoints& message) {
-  const uint64_t count = message.count;
-  if (counts_.size() >= kMaxMappers && counts_.count(mapper) == 0) {
-    throw InvalidInputError(
-        Concat("has come from ", kMaxMappers, " other mappers already, which is the limit; reset forgets them"));
-  }
-  const auto [last, is_new] = counts_.try_emplace(mapper, count);
-  // A mapper that was started again counts from the beginning.
-  const uint64_t lost = !is_new && count > last->second ? count - last->second - 1 : 0;
-  last->second = count;
-  if (lost > 0) Report(Incident{"keyframes_lost", Concat(lost, " messages of ", mapper, " were lost on the way")});
-  std::lock_guard<std::mutex> lock(mutex_);
-  MapperTraffic& traffic = mappers_[mapper];
-  ++traffic.received;
-  traffic.lost += lost;
-  traffic.last_received_s = SteadySeconds();
-  traffic.images_under_way = message.images_under_way;
-}
-
-void MapServerNodelet::CheckFrame(const std::string& whose, const std::string& world_frame) {
-  if (world_frame_.empty()) world_frame_ = world_frame;
-  if (world_frame == world_frame_) return;
-  Report(Incident{"other_world_frame", Concat("keyframes of ", whose, " are in \"", world_frame, "\", the map is in \"",
-                                              world_frame_, "\": taken as if they were in the map's")});
-}
-
-void MapServerNodelet::AddKeyframe(const KeyframePointsHead& head, const KeyframePoints& message) {
-  const PointCloud points = ToPointCloud(message.points);
-  if (message.replaces) {
-    map_->Replace(head.key, head.pose, points);  // where it is not in the map any more, that is counted there
-    return;
-  }
-  if (!map_->Add(head.key, head.pose, points, KeepImage(message))) {
-    return Report(Incident{"keyframe_twice", Concat("keyframe ", head.key.id, " of ", head.key.mapper,
-                                                    " has come already: have two mappers the same name?")});
-  }
-  looking_thread_.Queue([this] { map_->LookAroundNext(); });
-  path_frame_ = head.pose.path_frame;
-  newest_stamp_ns_ = head.pose.stamp_ns;
-  map_output_->SetHeader(world_frame_, newest_stamp_ns_);
-  PublishPath();
-}
-
-StoredImagePtr MapServerNodelet::KeepImage(const KeyframePoints& message) {
-  try {
-    return StoreImage(message, images_.get());
-  } catch (const std::exception& error) {
-    Report(Incident{"image_not_kept", Concat(NameOf(message), " is in the map without its image: ", error.what())});
-    return nullptr;
-  }
-}
-
-void MapServerNodelet::HandleOptimizedPath(const nav_msgs::Path& message) {
-  try {
-    const OptimizedPath path =
-        ToOptimizedPath(message, path_frame_, [this](const Incident& incident) { Report(incident); });
-    const ReposeResult result = map_->Repose(path.poses);
-    for (const Incident& doubt : {DescribeDoubt(path, result, path_frame_), DescribeTooFar(result)}) {
-      if (!doubt.message.empty()) Report(doubt);
+ private:
+  void Start() override {
+    ParameterReader reader = ReadParameters();
+    options_ = LoadMapServerOptions(&reader);
+    WarnOfUnknown(reader);
+    images_ = std::make_unique<ImageStore>(options_.save_folder);
+    map_ = std::make_unique<MapStore>(options_.map);
+    map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_,
+                                              [this](const RejectedInput& rejected) { Report(rejected); });
+    path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
+    if (!options_.load_session.empty()) {
+      const std::filesystem::path path = MapPathBelow(options_.save_folder, options_.load_session, kSessionEnding);
+      JoinSession(path, LoadFile(path), RigidTransform::Identity());
+      NODELET_INFO("loaded %zu keyframes of %s", map_->statistics().keyframes, options_.load_session.c_str());
     }
-    if (!result.moved.empty()) PublishPath();
-  } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
-    Report(Incident{"bad_optimized_path", Concat("optimized_path: ", error.what())});
+    Subscribe();
+    StartServices();
+    diagnostics_ = std::make_unique<Diagnostics<MapSnapshot>>(
+        &status_thread_, getNodeHandle(), getName(), [this] { return TakeSnapshot(); },
+        Diagnostics<MapSnapshot>::Statuses{{"map", &DescribeMap}, {"mappers", &DescribeMappers}});
+    NODELET_INFO("maps the keyframes of %s", keyframes_.getTopic().c_str());
   }
-}
 
-void MapServerNodelet::PublishPath() {
-  auto path = boost::make_shared<nav_msgs::Path>();
-  path->header.stamp.fromNSec(static_cast<uint64_t>(newest_stamp_ns_));
-  path->header.frame_id = world_frame_;
-  for (const StampedPose& pose : map_->Path()) {
-    path->poses.emplace_back();
-    path->poses.back().header.stamp.fromNSec(static_cast<uint64_t>(pose.stamp_ns));
-    path->poses.back().header.frame_id = world_frame_;
-    path->poses.back().pose = tf2::toMsg(pose.pose);
+  void Subscribe() {
+    ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
+    keyframes_ = SubscribeChecked<KeyframePoints>(
+        nh, names::kKeyframePoints, kKeyframeQueue, [this](const auto& message) { Receive(*message); },
+        ros::TransportHints().tcpNoDelay());
+    optimized_path_ = SubscribeChecked<nav_msgs::Path>(nh, names::kOptimizedPath, kPathQueue,
+                                                       [this](const auto& message) { HandleOptimizedPath(*message); });
   }
-  path_.publish(path);
-}
 
-void MapServerNodelet::CallInInputThread(const std::function<void()>& function) {
-  if (!input_thread_.Call(function)) throw ProcessingError("the map server is shutting down");
-}
+  void StartServices() {
+    AddTrigger(&urgent_thread_, names::kReset, [this] {
+      CallInInputThread([this] { Forget(); });
+      return "the map is empty";
+    });
+    AddTrigger(&service_thread_, names::kPublishMap, [this] {
+      WaitForArrived();
+      return Concat("published ", map_output_->Publish(), " points");
+    });
+    const auto missing = [this] { return DescribeMissing(TakeSnapshot().mappers); };
+    const auto save_map = [this](const auto& request, auto* response) {
+      WaitForArrived();
+      *response = map_output_->Save(request);
+    };
+    AddService<acmp_mapping::SaveMap>(&service_thread_, names::kSaveMap, save_map, missing);
+    const auto save_session = [this](const auto& request, auto* response) {
+      WaitForArrived();
+      response->message = SaveSession(request.path, response);
+    };
+    AddService<acmp_mapping::SaveSession>(&service_thread_, names::kSaveSession, save_session, missing);
+    AddService<acmp_mapping::LoadSession>(
+        &service_thread_, names::kLoadSession, [this](const auto& request, auto* response) {
+          const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kSessionEnding);
+          RigidTransform world_from_session = WorldFromSession(request.T_world_session);
+          Session session = LoadFile(path);
+          std::string where;
+          if (request.find_transform) {
+            if (!world_from_session.isApprox(RigidTransform::Identity())) {
+              throw InvalidInputError("T_world_session and find_transform: must be one of them");
+            }
+            where = FindSession(path, session, &world_from_session);
+          }
+          for (const SessionKeyframe& keyframe : session.map.keyframes)
+            response->points += keyframe.points_in_camera->size();
+          response->keyframes = session.map.keyframes.size();
+          CallInInputThread([&] { JoinSession(path, std::move(session), world_from_session); });
+          response->T_world_session = tf2::eigenToTransform(world_from_session).transform;
+          response->message = Concat("loaded ", response->keyframes, " keyframes of ", path.string(), where);
+        });
+    publish_timer_ = service_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishIfDue(); });
+    occupancy_timer_ =
+        occupancy_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishOccupancyIfDue(); });
+    occupancy_thread_.Start();
+    looking_thread_.Start();
+  }
 
-void MapServerNodelet::WaitForArrived() {
-  CallInInputThread([] {});
-  if (!looking_thread_.Drain()) throw ProcessingError("the map server is shutting down");
-}
+  std::string SaveSession(const std::string& path, acmp_mapping::SaveSession::Response* response) const {
+    const std::filesystem::path file = MapPathBelow(options_.save_folder, path, kSessionEnding);
+    const bool replaces = std::filesystem::exists(file);
+    const Session session = {map_->Session(), map_output_->Header().frame_id};
+    WriteSession(file, session, [this] { map_output_->CheckStopped(); });
+    for (const SessionKeyframe& keyframe : session.map.keyframes) response->points += keyframe.points_in_camera->size();
+    response->keyframes = session.map.keyframes.size();
+    return Concat("saved ", response->points, " points of ", response->keyframes, " keyframes to ", file.string(),
+                  replaces ? kReplaced : "");
+  }
 
-MapSnapshot MapServerNodelet::TakeSnapshot() {
-  MapSnapshot snapshot;
-  snapshot.now_s = SteadySeconds();
-  snapshot.map = map_->statistics();
-  snapshot.optimized_path_topic = optimized_path_.getTopic();
-  snapshot.optimized_path_publishers = optimized_path_.getNumPublishers();
-  snapshot.keyframe_topic = keyframes_.getTopic();
-  snapshot.keyframe_publishers = keyframes_.getNumPublishers();
-  snapshot.incidents = incidents_.entries();
-  std::lock_guard<std::mutex> lock(mutex_);
-  snapshot.mappers = mappers_;
-  return snapshot;
-}
+  /// FindTransform; says what was found. Throws InvalidInputError where that is not sure.
+  std::string FindSession(const std::filesystem::path& path, const Session& session,
+                          RigidTransform* world_from_session) {
+    WaitForArrived();
+    FoundTransform found;
+    try {
+      found = FindTransform(map_->Session(), session.map, [this] { map_output_->CheckStopped(); });
+    } catch (const InvalidInputError& error) {
+      throw InvalidInputError(Concat(path, ": where it lies in the map is not sure: ", error.what(),
+                                     "; nothing was loaded: give T_world_session"));
+    }
+    *world_from_session = found.map_from_session;
+    const Eigen::Vector3d& at = found.map_from_session.translation();
+    return Concat("; T_world_session was found by ", found.matches, " matches, position (", at.x(), ", ", at.y(), ", ",
+                  at.z(), "): of ", std::lround(100 * found.overlap), " % of its points, which the map's cameras saw, ",
+                  std::lround(100 * found.agreement), " % lie on the map's surfaces");
+  }
+
+  Session LoadFile(const std::filesystem::path& path) {
+    return ReadSession(path, options_.memory_limit_bytes(),
+                       [this](const KeyframePoints& message) { return KeepImage(message); });
+  }
+
+  /// Adds all keyframes or throws, see MapStore::Join. In the input thread, or before the threads start.
+  void JoinSession(const std::filesystem::path& path, Session session, const RigidTransform& world_from_session) {
+    const bool begins_anew = map_->statistics().keyframes == 0;
+    const KeyframePose newest = session.map.keyframes.back().pose;
+    try {
+      map_->Join(std::move(session.map), world_from_session);
+    } catch (const InvalidInputError& error) {
+      throw InvalidInputError(Concat(path, ": ", error.what(), "; nothing was loaded"));
+    }
+    if (begins_anew) {
+      world_frame_ = session.world_frame;
+      path_frame_ = newest.path_frame;
+      newest_stamp_ns_ = newest.stamp_ns;
+    }
+    CheckFrame(path.string(), session.world_frame);
+    map_output_->SetHeader(world_frame_, newest_stamp_ns_);
+    PublishPath();
+  }
+
+  void Receive(const acmp_mapping::KeyframePoints& message) {
+    try {
+      const KeyframePointsHead head = ReadHead(message, options_.memory_limit_bytes());
+      CountMessage(head.key.mapper, message);
+      CheckFrame(head.key.mapper, head.world_frame);
+      AddKeyframe(head, message);
+    } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
+      Report({"bad_keyframe", Concat(NameOf(message), ": ", error.what())});
+    }
+  }
+
+  void CountMessage(const std::string& mapper, const acmp_mapping::KeyframePoints& message) {
+    const uint64_t count = message.count;
+    if (counts_.size() >= kMaxMappers && counts_.count(mapper) == 0) {
+      throw InvalidInputError(
+          Concat("has come from ", kMaxMappers, " other mappers already, which is the limit; reset forgets them"));
+    }
+    const auto [last, is_new] = counts_.try_emplace(mapper, count);
+    // A mapper that was started again counts from the beginning.
+    const uint64_t lost = !is_new && count > last->second ? count - last->second - 1 : 0;
+    last->second = count;
+    if (lost > 0) Report({"keyframes_lost", Concat(lost, " messages of ", mapper, " were lost on the way")});
+    std::lock_guard<std::mutex> lock(mutex_);
+    MapperTraffic& traffic = mappers_[mapper];
+    ++traffic.received;
+    traffic.lost += lost;
+    traffic.last_received_s = SteadySeconds();
+    traffic.images_under_way = message.images_under_way;
+  }
+
+  void CheckFrame(const std::string& whose, const std::string& world_frame) {
+    if (world_frame_.empty()) world_frame_ = world_frame;
+    if (world_frame == world_frame_) return;
+    Report({"other_world_frame", Concat("keyframes of ", whose, " are in \"", world_frame, "\", the map is in \"",
+                                        world_frame_, "\": taken as if they were in the map's")});
+  }
+
+  void AddKeyframe(const KeyframePointsHead& head, const acmp_mapping::KeyframePoints& message) {
+    const PointCloud points = ToPointCloud(message.points);
+    if (message.replaces) {
+      map_->Replace(head.key, head.pose, points);  // where it is not in the map any more, that is counted there
+      return;
+    }
+    if (!map_->Add(head.key, head.pose, points, KeepImage(message))) {
+      return Report({"keyframe_twice", Concat("keyframe ", head.key.id, " of ", head.key.mapper,
+                                              " has come already: have two mappers the same name?")});
+    }
+    looking_thread_.Queue([this] { map_->LookAroundNext(); });
+    path_frame_ = head.pose.path_frame;
+    newest_stamp_ns_ = head.pose.stamp_ns;
+    map_output_->SetHeader(world_frame_, newest_stamp_ns_);
+    PublishPath();
+  }
+
+  /// None where it has none or it cannot be kept, which is reported. Thread-safe.
+  StoredImagePtr KeepImage(const acmp_mapping::KeyframePoints& message) {
+    try {
+      return StoreImage(message, images_.get());
+    } catch (const std::exception& error) {
+      Report({"image_not_kept", Concat(NameOf(message), " is in the map without its image: ", error.what())});
+      return nullptr;
+    }
+  }
+
+  void HandleOptimizedPath(const nav_msgs::Path& message) {
+    try {
+      const OptimizedPath path =
+          ToOptimizedPath(message, path_frame_, [this](const RejectedInput& rejected) { Report(rejected); });
+      const ReposeResult result = map_->Repose(path.poses);
+      for (const RejectedInput& doubt : {DescribeDoubt(path, result, path_frame_), DescribeTooFar(result)}) {
+        if (!doubt.message.empty()) Report(doubt);
+      }
+      if (!result.moved.empty()) PublishPath();
+    } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
+      Report({"bad_optimized_path", Concat("optimized_path: ", error.what())});
+    }
+  }
+
+  void PublishPath() {
+    auto path = boost::make_shared<nav_msgs::Path>();
+    path->header.stamp.fromNSec(static_cast<uint64_t>(newest_stamp_ns_));
+    path->header.frame_id = world_frame_;
+    for (const StampedPose& pose : map_->Path()) {
+      path->poses.emplace_back();
+      path->poses.back().header.stamp.fromNSec(static_cast<uint64_t>(pose.stamp_ns));
+      path->poses.back().header.frame_id = world_frame_;
+      path->poses.back().pose = tf2::toMsg(pose.pose);
+    }
+    path_.publish(path);
+  }
+
+  /// After all that has arrived. Throws ProcessingError when the nodelet is being unloaded, and what the function
+  /// throws.
+  void CallInInputThread(const std::function<void()>& function) {
+    if (!input_thread_.Call(function)) throw ProcessingError("the map server is shutting down");
+  }
+
+  void WaitForArrived() {
+    CallInInputThread([] {});
+    if (!looking_thread_.Drain()) throw ProcessingError("the map server is shutting down");
+  }
+
+  /// Empties the map, what is known of it and of its mappers, and what is latched. In the input thread.
+  void Forget() {
+    map_->Clear();
+    PublishPath();  // none, in the old frame: what is latched is no more
+    map_output_->PublishNothing();
+    world_frame_.clear();
+    path_frame_.clear();
+    newest_stamp_ns_ = 0;
+    counts_.clear();
+    std::lock_guard<std::mutex> lock(mutex_);
+    mappers_.clear();
+  }
+
+  MapSnapshot TakeSnapshot() {
+    MapSnapshot snapshot;
+    snapshot.now_s = SteadySeconds();
+    snapshot.map = map_->statistics();
+    snapshot.optimized_path_topic = optimized_path_.getTopic();
+    snapshot.optimized_path_publishers = optimized_path_.getNumPublishers();
+    snapshot.keyframe_topic = keyframes_.getTopic();
+    snapshot.keyframe_publishers = keyframes_.getNumPublishers();
+    snapshot.incidents = incidents_.entries();
+    std::lock_guard<std::mutex> lock(mutex_);
+    snapshot.mappers = mappers_;
+    return snapshot;
+  }
+
+  MapServerOptions options_;
+  CallbackThread occupancy_thread_{report_failure_}, looking_thread_{report_failure_};
+  std::unique_ptr<ImageStore> images_;
+  std::unique_ptr<MapStore> map_;
+  std::unique_ptr<MapOutput> map_output_;
+
+  std::mutex mutex_;
+  std::map<std::string, MapperTraffic> mappers_;
+
+  // Used by the input thread alone.
+  std::map<std::string, uint64_t> counts_;  ///< of each mapper's last message
+  std::string world_frame_;                 ///< of the first keyframe, or of the session that an empty map began with
+  std::string path_frame_;                  ///< of the last keyframe
+  int64_t newest_stamp_ns_ = 0;             ///< of the last keyframe
+
+  ros::Subscriber keyframes_;
+  ros::Subscriber optimized_path_;
+  ros::Publisher path_;
+  ros::WallTimer publish_timer_, occupancy_timer_;
+  std::unique_ptr<Diagnostics<MapSnapshot>> diagnostics_;
+};
 
 }  // namespace acmp
 

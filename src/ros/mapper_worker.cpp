@@ -141,7 +141,7 @@ std::string MapperWorker::RunCommand(bool urgent, const std::function<void()>& w
   std::future<void> done = task->get_future();
   Command command = [task = std::move(task)] { (*task)(); };
   try {
-    if (!(urgent ? queue_.PushUrgent(std::move(command)) : queue_.PushCommand(std::move(command)))) return kStopped;
+    if (!queue_.PushCommand(std::move(command), urgent)) return kStopped;
     done.get();
     return "";
   } catch (const std::future_error&) {

@@ -29,6 +29,13 @@ void NodeletBase::WarnOfUnknown(const ParameterReader& reader) {
   for (const std::string& warning : reader.DescribeUnknown()) NODELET_WARN("%s", warning.c_str());
 }
 
+void NodeletBase::Report(RejectedInput rejected) {
+  rejected.message = Printable(rejected.message);
+  if (incidents_.Record(rejected, SteadySeconds())) {
+    NODELET_WARN("%s: %s", rejected.reason.c_str(), rejected.message.c_str());
+  }
+}
+
 void NodeletBase::StopThreads() {
   input_thread_.Stop();
   service_thread_.Stop();

@@ -343,8 +343,7 @@ namespace {
 
 void Check(const NodeOptions& options) {
   const bool body = options.pose.child == Child::kBody;
-  const bool path_of_body = PathSemantics(options).child == Child::kBody;
-  if (options.pose.body_from_cam && !body && !path_of_body) {
+  if (options.pose.body_from_cam && !body && PathChild(options) != Child::kBody) {
     throw InvalidInputError("parameter ~T_body_cam is set: needs ~pose_child = body");
   }
   const size_t num_placed = options.cam_from_sources.size();
@@ -419,15 +418,11 @@ std::string MakeDefaultFolder() {
 }  // namespace
 
 bool NeedsExtrinsic(const NodeOptions& options) {
-  const bool body = options.pose.child == Child::kBody || PathSemantics(options).child == Child::kBody;
+  const bool body = options.pose.child == Child::kBody || PathChild(options) == Child::kBody;
   return body && !options.pose.body_from_cam;
 }
 
-PoseSemantics PathSemantics(const NodeOptions& options) {
-  PoseSemantics path = options.pose;
-  path.child = options.path_child.value_or(path.child);
-  return path;
-}
+PoseSemantics::Child PathChild(const NodeOptions& options) { return options.path_child.value_or(options.pose.child); }
 
 NodeOptions LoadNodeOptions(ParameterReader* reader) {
   NodeOptions options;

@@ -122,25 +122,31 @@ OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::string mapper, const I
 void OutputPublisher::Advertise(const std::string& face, ImageTopics* topics) {
   constexpr bool kLatched = true;  // for who is not the first of its process: roscpp then gives what that one has got
   const std::string prefix = face.empty() ? "" : names::kFacePrefix + face + "/";
-  const auto advertise_camera = [&](const char* name, const MakeImage& make) {
-    return transport_.advertiseCamera(prefix + name, kQueue, ForNewcomers(face, make), {},
-                                      ForNewcomers(face, &CameraInfoOf), {}, {}, kLatched);
-  };
   topics->depth_fast = transport_.advertiseCamera(prefix + names::kDepthFast, kQueue);
-  topics->depth = advertise_camera(names::kDepth, &DepthImageOf);
-  topics->color = advertise_camera(names::kColor, &ColorImageOf);
-  topics->depth_millimetres = nh_.advertise<sensor_msgs::Image>(
-      prefix + names::kDepthMillimetres, kQueue,
-      ForNewcomers(face, [](const KeyframeOutput& output) { return ToDepthMillimetres(*DepthImageOf(output)); }), {},
-      {}, kLatched);
+  for (const auto& [name, make] :
+       {std::pair<const char*, MakeImage>(names::kDepth, &DepthImageOf), {names::kColor, &ColorImageOf}}) {
+    const auto publisher = transport_.advertiseCamera(prefix + name, kQueue, ForNewcomers(face, make), {},
+                                                      ForNewcomers(face, &CameraInfoOf), {}, {}, kLatched);
+    topics->publish_refined.emplace_back([publisher, make = make](const KeyframeOutput& output) {
+      if (publisher.getNumSubscribers() > 0) publisher.publish(make(output), CameraInfoOf(output));
+    });
+  }
+  const auto add = [topics](const auto& publisher, const MakeImage& make) {
+    topics->publish_refined.emplace_back([publisher, make](const KeyframeOutput& output) {
+      if (publisher.getNumSubscribers() > 0) publisher.publish(make(output));
+    });
+  };
+  const MakeImage make_millimetres = [](const KeyframeOutput& o) { return ToDepthMillimetres(*DepthImageOf(o)); };
+  add(nh_.advertise<sensor_msgs::Image>(prefix + names::kDepthMillimetres, kQueue, ForNewcomers(face, make_millimetres),
+                                        {}, {}, kLatched),
+      make_millimetres);
   const std::pair<const char*, MakeImage> others[] = {{names::kDepthPicture, &DepthPictureOf},
                                                       {names::kConfidence, &ConfidenceImageOf},
                                                       {names::kConfidencePicture, &ConfidencePictureOf},
                                                       {names::kNormal, &NormalImageOf},
                                                       {names::kNormalPicture, &NormalPictureOf}};
   for (const auto& [name, make] : others) {
-    topics->others.emplace_back(transport_.advertise(prefix + name, kQueue, ForNewcomers(face, make), {}, {}, kLatched),
-                                make);
+    add(transport_.advertise(prefix + name, kQueue, ForNewcomers(face, make), {}, {}, kLatched), make);
   }
 }
 
@@ -226,9 +232,10 @@ void OutputPublisher::HandleRefined(const KeyframeDepthPtr& maps) {
     std::string without_points;
     UpdateStatus([&](OutputStatus* status) {
       status->CountPoints(output);
-      without_points = status->DescribeRunWithoutPoints(origin.stamp_ns);
+      without_points = status->DescribeRunWithoutPoints();
     });
-    if (!without_points.empty()) Report({"no_points", without_points});
+    if (!without_points.empty())
+      Report({"no_points", Concat("image ", FormatStamp(origin.stamp_ns), ": ", without_points)});
   });
   if (!maps->prior_depth_rejection.empty()) {
     Report({"unused_prior_depth", Concat("image ", FormatStamp(origin.stamp_ns),
@@ -247,16 +254,7 @@ void OutputPublisher::HandleDrop(const KeyframeDrop& drop) {
 }
 
 void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
-  const ImageTopics& topics = TopicsOf(output.origin);
-  if (topics.depth.getNumSubscribers() > 0 || topics.depth_millimetres.getNumSubscribers() > 0) {
-    const sensor_msgs::ImagePtr depth = DepthImageOf(output);
-    if (topics.depth_millimetres.getNumSubscribers() > 0) topics.depth_millimetres.publish(ToDepthMillimetres(*depth));
-    topics.depth.publish(depth, CameraInfoOf(output));
-  }
-  if (topics.color.getNumSubscribers() > 0) topics.color.publish(ColorImageOf(output), CameraInfoOf(output));
-  for (const auto& [publisher, make] : topics.others) {
-    if (publisher.getNumSubscribers() > 0) publisher.publish(make(output));
-  }
+  for (const auto& publish : TopicsOf(output.origin).publish_refined) publish(output);
   if (points_.getNumSubscribers() > 0) {
     const std_msgs::Header header = MakeHeader(output.origin.stamp_ns, output.origin.camera_frame);
     points_.publish(ToCloudMessage(PointsAtReceivedPose(output), header));

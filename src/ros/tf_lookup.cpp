@@ -32,8 +32,6 @@ TfLookup::TfLookup(ros::NodeHandle nh, bool only_static, std::function<void(cons
   };
   if (!only_static) transforms_ = subscribe(names::kTf, false);
   static_transforms_ = subscribe(names::kTfStatic, true);
-  // Lookups do not wait, so it does not matter that nobody else fills the buffer meanwhile.
-  buffer_.setUsingDedicatedThread(true);
 }
 
 void TfLookup::Receive(const tf2_msgs::TFMessage& message, bool is_static) {
@@ -52,23 +50,26 @@ void TfLookup::Receive(const tf2_msgs::TFMessage& message, bool is_static) {
   }
 }
 
-std::variant<PoseSample, std::string> TfLookup::FindPose(const std::string& world, const std::string& child,
-                                                         int64_t stamp_ns) {
-  try {
-    ros::Time stamp;
-    stamp.fromNSec(static_cast<uint64_t>(stamp_ns));
-    return PoseSample{stamp_ns, world, ToRigidTransform(buffer_.lookupTransform(world, child, stamp)), child};
-  } catch (const std::exception& error) {  // of tf2, or of ros::Time for stamps at the end of its range
-    return Concat("tf has no \"", child, "\" in \"", world, "\" then: ", error.what());
-  }
-}
-
-std::optional<RigidTransform> TfLookup::FindLatest(const std::string& target, const std::string& source) {
-  try {
-    return ToRigidTransform(buffer_.lookupTransform(target, source, ros::Time(0)));
-  } catch (const std::exception&) {
-    return std::nullopt;
-  }
+TransformSource TransformsOf(const tf2::BufferCore* buffer) {
+  TransformSource source;
+  source.find_pose = [buffer](const std::string& world, const std::string& child,
+                              int64_t stamp_ns) -> std::variant<PoseSample, std::string> {
+    try {
+      ros::Time stamp;
+      stamp.fromNSec(static_cast<uint64_t>(stamp_ns));
+      return PoseSample{stamp_ns, world, ToRigidTransform(buffer->lookupTransform(world, child, stamp)), child};
+    } catch (const std::exception& error) {  // of tf2, or of ros::Time for stamps at the end of its range
+      return Concat("tf has no \"", child, "\" in \"", world, "\" then: ", error.what());
+    }
+  };
+  source.find_latest = [buffer](const std::string& target, const std::string& frame) -> std::optional<RigidTransform> {
+    try {
+      return ToRigidTransform(buffer->lookupTransform(target, frame, ros::Time(0)));
+    } catch (const std::exception&) {
+      return std::nullopt;
+    }
+  };
+  return source;
 }
 
 }  // namespace acmp

@@ -75,9 +75,6 @@ int main(int argc, char** argv) {
       "acmp_check_bag");
   std::string bag;
   acmp::BagCheckOptions options;
-  std::string pose_is = "T_world_cam";
-  std::string pose_child = "camera_optical";
-  std::string sparse_frame = "auto";
   app.add_option("bag", bag, "Recorded bag")->required()->type_name("FILE");
   app.add_option("--image", options.topics.image, "Image topic; found by type when not given")->type_name("TOPIC");
   app.add_option("--camera-info", options.topics.camera_info, "CameraInfo topic")->type_name("TOPIC");
@@ -90,29 +87,31 @@ int main(int argc, char** argv) {
       ->type_name("TOPIC");
   app.add_option("--source-camera-info", options.topics.source_camera_infos, "Theirs, in the same order")
       ->type_name("TOPIC");
-  app.add_option("--sync-tolerance", options.sync_tolerance_s, "Seconds between a pose and its image")
+  app.add_option("--sparse-tolerance", options.mapper.matcher.sparse_tolerance_s,
+                 "Seconds between points and their image")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  app.add_option("--sparse-tolerance", options.sparse_tolerance_s, "Seconds between points and their image")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
-  app.add_option("--pose-is", pose_is, "As the mapper's ~pose_is")
-      ->check(CLI::IsMember({"T_world_cam", "T_cam_world"}))
-      ->capture_default_str();
-  app.add_option("--pose-child", pose_child, "As the mapper's ~pose_child")
-      ->check(CLI::IsMember({"camera_optical", "camera_flu", "body"}))
+  const acmp::OptionList of_mapper = acmp::OptionsOf(&options.mapper);
+  for (const char* flag : {"--sync-tolerance", "--pose-is", "--pose-child", "--sparse-frame", "--calibration-file"}) {
+    std::string name = flag + 2;
+    std::replace(name.begin(), name.end(), '-', '_');
+    const acmp::Option& option = of_mapper.Find(name);
+    const auto set = [flag, &option](const std::string& text) {
+      try {
+        option.set(acmp::ParseOption(option, text));
+      } catch (const acmp::InvalidInputError& error) {
+        throw CLI::ValidationError(flag, error.what());
+      }
+    };
+    app.add_option_function<std::string>(flag, set, "As the mapper's ~" + name + ": " + option.sentence)
+        ->type_name(acmp::DescribeValues(option))
+        ->default_str(acmp::ToYaml(option.get()));
+  }
+  app.get_option("--pose-child")
       ->default_str("camera_optical; what images, or frames and tf, say where neither is given");
-  app.add_option("--sparse-frame", sparse_frame, "As the mapper's ~sparse_frame")
-      ->check(CLI::IsMember({"auto", "world", "camera"}))
-      ->capture_default_str();
-  app.add_option("--calibration-file", options.calibration_file, "As the mapper's ~calibration_file")
-      ->check(CLI::ExistingFile);
+  app.get_option("--calibration-file")->type_name("FILE")->default_str("");
   return acmp::RunTool(app, argc, argv, [&] {
-    if (pose_is == "T_cam_world") options.semantics.direction = acmp::PoseSemantics::Direction::kCamFromWorld;
     options.semantics_declared = app.count("--pose-child") + app.count("--pose-is") > 0;
-    if (pose_child == "body") options.semantics.child = acmp::PoseSemantics::Child::kBody;
-    if (pose_child == "camera_flu") options.semantics.child = acmp::PoseSemantics::Child::kCameraFlu;
-    if (sparse_frame != "auto") options.points_in_camera = sparse_frame == "camera";
     return PrintReport(acmp::CheckBag(bag, options));
   });
 }

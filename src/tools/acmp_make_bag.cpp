@@ -63,7 +63,8 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
   app.add_option("--max-image-size", recording.max_image_size, "Shrink so that the longer side has at most so many px");
 
   app.option_defaults()->group("From the synthetic room");
-  app.add_flag("--synthetic", arguments.synthetic, "Render a room with known geometry instead of reading SCENE");
+  CLI::Option* synthetic =
+      app.add_flag("--synthetic", arguments.synthetic, "Render a room with known geometry instead of reading SCENE");
   app.add_option("--scene", arguments.scene_name, "room (unless given), hard or street: as acmp_make_scene has them")
       ->type_name("NAME");
   app.add_option(
@@ -85,13 +86,15 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
   app.add_option("--ground-truth", arguments.ground_truth,
                  "Also write the room as a dataset with true depth, normals and surface")
       ->type_name("DIR");
+  for (CLI::Option* option : app.get_options()) {
+    if (option->get_group() == synthetic->get_group() && option != synthetic) option->needs(synthetic);
+    if (option->get_group() == "From a dataset folder") option->excludes(synthetic);
+  }
   app.option_defaults()->group(ungrouped);
 }
 
 acmp::RecordingSummary MakeSyntheticBag(const MakeBagArguments& arguments) {
   if (arguments.paths.size() != 1) throw acmp::InvalidInputError("--synthetic takes no SCENE: give only OUT.bag");
-  if (!arguments.images.empty()) throw acmp::InvalidInputError("--images does not go with --synthetic");
-  if (!arguments.masks.empty()) throw acmp::InvalidInputError("--masks does not go with --synthetic");
   acmp::SyntheticSceneOptions options = arguments.scene;
   if (!arguments.scene_name.empty()) acmp::SelectSyntheticScene(arguments.scene_name, &options);
   const std::vector<acmp::SyntheticView> views = acmp::MakeSyntheticScene(options);
@@ -103,12 +106,6 @@ acmp::RecordingSummary MakeSyntheticBag(const MakeBagArguments& arguments) {
 
 acmp::RecordingSummary MakeSceneBag(const MakeBagArguments& arguments) {
   if (arguments.paths.size() != 2) throw acmp::InvalidInputError("give SCENE and OUT.bag");
-  if (!arguments.ground_truth.empty()) throw acmp::InvalidInputError("--ground-truth needs --synthetic");
-  if (!arguments.scene_name.empty()) throw acmp::InvalidInputError("--scene needs --synthetic");
-  if (arguments.poses != "true") throw acmp::InvalidInputError("--poses slam needs --synthetic");
-  if (arguments.scene.stereo_baseline_m != 0 || arguments.scene.standing || arguments.scene.moving_object) {
-    throw acmp::InvalidInputError("--stereo-baseline, --standing and --moving-object need --synthetic");
-  }
   acmp::Scene scene = acmp::ReadScene(arguments.paths[0], acmp::ParseSceneFormat(arguments.format),
                                       acmp::ParsePixelCenters(arguments.pixel_centers));
   if (!arguments.masks.empty()) acmp::AddMasks(arguments.masks, &scene);

@@ -11,7 +11,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/ros/bag_writer.h"
+#include "acmp_mapping/ros/input_conversion.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {
@@ -21,7 +21,6 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 
 using RecordSyntheticTest = TestFolder;
-using BagWriterTest = TestFolder;
 
 template <class Message>
 std::vector<boost::shared_ptr<Message>> ReadAll(const std::filesystem::path& path, const std::string& topic) {
@@ -31,14 +30,6 @@ std::vector<boost::shared_ptr<Message>> ReadAll(const std::filesystem::path& pat
     messages.push_back(message.instantiate<Message>());
   }
   return messages;
-}
-
-SyntheticSceneOptions SmallScene() {
-  SyntheticSceneOptions options;
-  options.width = 48;
-  options.height = 36;
-  options.keyframes = 3;
-  return options;
 }
 
 /// Two images of 8x6 px; image 1 is seen from one unit to the right of image 0, turned by 90 degrees about y.
@@ -70,17 +61,10 @@ class RecordSceneTest : public TestFolder {
   Scene scene_;
 };
 
-TEST(StampOf, FollowsTheIndexToTheNanosecond) {
-  RecordingOptions options;
-  options.rate_hz = 3;
-  EXPECT_EQ(StampOf(0, options), ros::Time(1600000000, 0));
-  EXPECT_EQ(StampOf(1, options), ros::Time(1600000000, 333333333));
-  EXPECT_EQ(StampOf(2, options), ros::Time(1600000000, 666666667));
-  EXPECT_EQ(StampOf(3000, options), ros::Time(1600001000, 0));
-}
-
 TEST_F(RecordSyntheticTest, HoldsWhatASimulatedFrontendPublishes) {
-  SyntheticSceneOptions scene = SmallScene();
+  SyntheticSceneOptions scene;
+  scene.width = 48;
+  scene.height = 36;
   scene.keyframes = 9;
   const std::vector<SyntheticView> views = MakeSyntheticScene(scene);
   const SlamRun slam = SimulateSlam(views, {}, 1);
@@ -88,8 +72,14 @@ TEST_F(RecordSyntheticTest, HoldsWhatASimulatedFrontendPublishes) {
   const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder() / "a.bag", kPoseTopic);
   const auto clouds = ReadAll<sensor_msgs::PointCloud2>(folder() / "a.bag", kSparsePointsTopic);
   const auto paths = ReadAll<nav_msgs::Path>(folder() / "a.bag", kOptimizedPathTopic);
+  const auto images = ReadAll<sensor_msgs::Image>(folder() / "a.bag", kImageTopic);
   ASSERT_EQ(poses.size(), 9u);
   ASSERT_EQ(clouds.size(), 9u);
+  ASSERT_EQ(images.size(), 9u);
+  EXPECT_EQ(images[2]->header.stamp, ros::Time(1600000000, 400000000));
+  const Rgb& pixel = views[2].frame.color(7, 5);
+  const uint8_t* recorded = &images[2]->data[5 * images[2]->step + 7 * 3];
+  EXPECT_THAT(std::vector<int>(recorded, recorded + 3), ElementsAre(pixel.r, pixel.g, pixel.b));
   EXPECT_EQ(poses[0]->pose.orientation.w, 1);
   EXPECT_EQ(clouds[2]->width, 0u);
   EXPECT_EQ(clouds[3]->width, views[3].frame.landmarks_in_world.size());
@@ -100,23 +90,6 @@ TEST_F(RecordSyntheticTest, HoldsWhatASimulatedFrontendPublishes) {
   EXPECT_EQ(paths[0]->header.stamp, poses[7]->header.stamp);
   EXPECT_EQ(paths[0]->poses[0].header.stamp, poses[3]->header.stamp);
   EXPECT_EQ(paths[0]->poses[3].pose.position.x, slam.corrected[6].translation().x());
-}
-
-TEST_F(RecordSyntheticTest, HoldsTheFrames) {
-  const std::vector<SyntheticView> views = MakeSyntheticScene(SmallScene());
-  const RecordingSummary summary = RecordSynthetic(views, {}, folder() / "a.bag");
-  EXPECT_EQ(summary.images, 3u);
-  const auto images = ReadAll<sensor_msgs::Image>(folder() / "a.bag", kImageTopic);
-  const auto clouds = ReadAll<sensor_msgs::PointCloud2>(folder() / "a.bag", kSparsePointsTopic);
-  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder() / "a.bag", kPoseTopic);
-  ASSERT_EQ(images.size(), 3u);
-  ASSERT_EQ(clouds.size(), 3u);
-  ASSERT_EQ(poses.size(), 3u);
-  const Rgb& pixel = views[2].frame.color(7, 5);
-  const uint8_t* recorded = &images[2]->data[5 * images[2]->step + 7 * 3];
-  EXPECT_EQ(images[2]->encoding, "rgb8");
-  EXPECT_THAT(std::vector<int>(recorded, recorded + 3), ElementsAre(pixel.r, pixel.g, pixel.b));
-  EXPECT_EQ(size_t{clouds[1]->width} * clouds[1]->height, views[1].frame.landmarks_in_world.size());
 }
 
 TEST_F(RecordSceneTest, RecordsPosesAsWorldFromCamera) {
@@ -179,38 +152,23 @@ TEST_F(RecordSceneTest, ATruncatedImageLeavesNoBag) {
   EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag.partial"));
 }
 
-TEST_F(BagWriterTest, TwoWritersOfOneBagDoNotDisturbEachOther) {
-  const auto path = folder() / "out.bag";
-  const auto write = [](BagWriter* writer, int width) {
-    sensor_msgs::CameraInfo info;
-    info.width = width;
-    writer->Write("camera_info", ros::Time(1), info);
-  };
-  BagWriter first(path), second(path);
-  write(&first, 1);
-  write(&second, 2);
-  first.Finish();
-  EXPECT_EQ(ReadAll<sensor_msgs::CameraInfo>(path, "camera_info").at(0)->width, 1u);
-  second.Finish();
-  EXPECT_EQ(ReadAll<sensor_msgs::CameraInfo>(path, "camera_info").at(0)->width, 2u);
-  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder()), std::filesystem::directory_iterator()), 1);
-}
-
-TEST(ToCameraInfo, NamesTheDistortion) {
-  const PinholeCamera camera{640, 480, 500, 501, 320, 240};
-  const auto info = [&](LensDistortion::Model model, std::vector<double> coefficients) {
-    return ToCameraInfo(camera, {model, std::move(coefficients)}, {});
-  };
-  EXPECT_EQ(info(LensDistortion::Model::kNone, {}).distortion_model, "plumb_bob");
-  EXPECT_THAT(info(LensDistortion::Model::kNone, {}).D, ElementsAre(0, 0, 0, 0, 0));
-  EXPECT_THAT(info(LensDistortion::Model::kBrownConrady, {1, 2, 3, 4}).D, ElementsAre(1, 2, 3, 4, 0));
-  EXPECT_EQ(info(LensDistortion::Model::kRational, {1, 2, 3, 4, 5, 6, 7, 8}).distortion_model, "rational_polynomial");
-  EXPECT_EQ(info(LensDistortion::Model::kEquidistant, {1, 2, 3, 4}).distortion_model, "equidistant");
-  EXPECT_THROW(info(LensDistortion::Model::kEquidistant, {1, 2, 3, 4, 5}), InvalidInputError);
-  EXPECT_EQ(info(LensDistortion::Model::kUnified, {1, 2, 3, 4, 5}).distortion_model, "mei");
-  EXPECT_EQ(info(LensDistortion::Model::kExtendedUnified, {1, 2}).distortion_model, "eucm");
-  EXPECT_EQ(info(LensDistortion::Model::kDoubleSphere, {1, 2}).distortion_model, "double_sphere");
-  EXPECT_EQ(info(LensDistortion::Model::kEquirectangular, {}).distortion_model, "equirectangular");
+TEST(ToCameraInfo, NamesTheDistortionAsTheMapperReadsIt) {
+  using Model = LensDistortion::Model;
+  const PinholeCamera camera{640, 320, 500, 501, 320, 160};
+  const LensDistortion lenses[] = {{Model::kBrownConrady, {0.1, 0.01, 0, 0, 0}},
+                                   {Model::kRational, {0.1, 0.01, 0, 0, 0, 0.1, 0, 0}},
+                                   {Model::kEquidistant, {0.1, 0.01, 0, 0}},
+                                   {Model::kUnified, {1, 0.1, 0, 0, 0}},
+                                   {Model::kExtendedUnified, {0.6, 1.1}},
+                                   {Model::kDoubleSphere, {-0.2, 0.6}},
+                                   {Model::kEquirectangular, {}}};
+  for (const LensDistortion& lens : lenses) {
+    const sensor_msgs::CameraInfo info = ToCameraInfo(camera, lens, {});
+    EXPECT_EQ(ToCalibration(info, false).distortion, lens) << info.distortion_model;
+  }
+  EXPECT_EQ(ToCameraInfo(camera, {}, {}).distortion_model, "plumb_bob");
+  EXPECT_THAT(ToCameraInfo(camera, {}, {}).D, ElementsAre(0, 0, 0, 0, 0));
+  EXPECT_THROW(ToCameraInfo(camera, {Model::kEquidistant, {1, 2, 3, 4, 5}}, {}), InvalidInputError);
 }
 
 }  // namespace

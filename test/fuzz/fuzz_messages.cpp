@@ -205,7 +205,7 @@ ACMP_FUZZ_TARGET(keyframe_points) {
     fuzz::Fill(&bytes, &pose.pose);
   }
   fuzz::MayRefuse([&] {
-    const OptimizedPath poses = ToOptimizedPath(path, "map", [](const Incident&) {});
+    const OptimizedPath poses = ToOptimizedPath(path, "map", [](const RejectedInput&) {});
     const ReposeResult result = map.Repose(poses.poses);
     DescribeDoubt(poses, result, "map");
     DescribeTooFar(result);

@@ -1,4 +1,4 @@
-// Feeds the check what a frontend with a wrong convention sends: it must name the right one.
+// Points that a frontend with a wrong convention sends: the check must say so, and nothing where all is right.
 
 #include "acmp_mapping/intake/convention_check.h"
 
@@ -11,8 +11,9 @@ namespace acmp {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-using ::testing::Not;
+using ::testing::IsEmpty;
 using Direction = PoseSemantics::Direction;
 using Child = PoseSemantics::Child;
 
@@ -48,7 +49,7 @@ RigidTransform Sent(const PoseSemantics& semantics, const RigidTransform& world_
   return semantics.direction == Direction::kWorldFromCam ? world_from_child : world_from_child.inverse();
 }
 
-/// The warnings for five keyframes that are sent in one way and read in another.
+/// The warnings for keyframes that are sent in one way and read in another.
 std::vector<std::string> Warnings(const PoseSemantics& sent, const PoseSemantics& configured,
                                   bool points_in_camera = false, bool read_in_camera = false) {
   ConventionCheck check;
@@ -64,51 +65,26 @@ std::vector<std::string> Warnings(const PoseSemantics& sent, const PoseSemantics
     if (auto warning = check.Add(configured, received, cloud, read_in_camera, kCamera)) warnings.push_back(*warning);
   }
   EXPECT_TRUE(check.share_in_front());
+  EXPECT_EQ(warnings.empty() ? "" : warnings.back(), check.warning());
   return warnings;
 }
 
-TEST(ConventionCheck, IsSilentWhenTheConventionIsRight) {
-  for (const Direction direction : {Direction::kWorldFromCam, Direction::kCamFromWorld}) {
-    for (const Child child : {Child::kCameraOptical, Child::kCameraFlu}) {
-      const PoseSemantics semantics{direction, child, std::nullopt};
-      EXPECT_TRUE(Warnings(semantics, semantics).empty()) << Describe(semantics);
-    }
-  }
-  EXPECT_TRUE(Warnings({}, {}, true, true).empty());
-}
-
-TEST(ConventionCheck, NamesTheReadingThatFitsOnce) {
-  const PoseSemantics optical, inverted{Direction::kCamFromWorld, Child::kCameraOptical, std::nullopt},
-      flu{Direction::kWorldFromCam, Child::kCameraFlu, std::nullopt};
-  RigidTransform sideways(Eigen::AngleAxisd(1.2, Eigen::Vector3d::UnitY()));  // a camera that looks so from its body
+TEST(ConventionCheck, WarnsOnceOfTheOtherFrameOrOfPosesThatPutNothingInView) {
+  const PoseSemantics optical, flu{Direction::kWorldFromCam, Child::kCameraFlu, std::nullopt};
   RigidTransform odd(Eigen::AngleAxisd(2.5, Eigen::Vector3d(1, 0.3, 0).normalized()));  // that nobody has told
-  const PoseSemantics body{Direction::kWorldFromCam, Child::kBody, sideways},
-      body_inverted{Direction::kWorldFromCam, Child::kBody, sideways.inverse()},
-      untold{Direction::kWorldFromCam, Child::kBody, odd};
-  const struct {
-    PoseSemantics sent, configured;
-    bool points_in_camera, read_in_camera;
-    std::vector<std::string> words;
-  } cases[] = {
-      {inverted, optical, false, false, {"~pose_is: T_cam_world, ~pose_child: camera_optical", "set this", "100 %"}},
-      {flu, optical, false, false, {"~pose_is: T_world_cam, ~pose_child: camera_flu"}},
-      {optical, flu, false, false, {"~pose_child: camera_optical"}},
-      {body, body_inverted, false, false, {"the inverse of T_body_cam"}},
-      {optical, optical, true, false, {"~sparse_frame: camera"}},
-      {optical, optical, false, true, {"~sparse_frame: world"}},
-      {untold, optical, false, false, {"no other reading", "T_body_cam"}}};
-  for (const auto& c : cases) {
-    const auto warnings = Warnings(c.sent, c.configured, c.points_in_camera, c.read_in_camera);
-    ASSERT_EQ(warnings.size(), 1u) << c.words[0];
-    for (const std::string& word : c.words) EXPECT_THAT(warnings[0], HasSubstr(word));
-  }
+  const PoseSemantics body{Direction::kWorldFromCam, Child::kBody, odd};
+  EXPECT_THAT(Warnings(optical, optical, true, false),
+              ElementsAre(AllOf(HasSubstr("~sparse_frame: camera: 100 %"), HasSubstr("set this"))));
+  EXPECT_THAT(Warnings(optical, optical, false, true), ElementsAre(HasSubstr("~sparse_frame: world: 100 %")));
+  EXPECT_THAT(Warnings(body, optical), ElementsAre(AllOf(HasSubstr("~pose_child"), HasSubstr("T_body_cam"))));
+  for (const PoseSemantics& semantics : {optical, flu}) EXPECT_THAT(Warnings(semantics, semantics), IsEmpty());
+  EXPECT_THAT(Warnings(optical, optical, true, true), IsEmpty());
 }
 
 /// What a frontend sends that begins at the world's origin and sends its whole map: keyframe i adds points that it
-/// sees, and moves all of them a little. `first`: what comes before is not recorded.
-std::vector<std::string> WarningsOfAGrowingMap(const PoseSemantics& sent, const PoseSemantics& configured, int first) {
+/// sees, and moves all of them a little. Most of them lie outside of the image.
+TEST(ConventionCheck, LooksAtThePointsThatAreNewInAMap) {
   ConventionCheck check;
-  std::vector<std::string> warnings;
   SparseCloud map;
   for (int i = 0; i < 60; ++i) {
     RigidTransform world_from_cam(Eigen::AngleAxisd(0.03 * i, Eigen::Vector3d::UnitY()));
@@ -118,41 +94,9 @@ std::vector<std::string> WarningsOfAGrowingMap(const PoseSemantics& sent, const 
                            Eigen::Vector3d(0.13 * k, 0.06 * ((k * 7 + i) % 20 - 10), 4 + 0.1 * (k % 3)));
     }
     for (Eigen::Vector3d& point : map.points) point *= 1.0003;
-    if (i < first) continue;
-    if (auto warning = check.Add(configured, Sent(sent, world_from_cam), map, false, kCamera)) {
-      warnings.push_back(*warning);
-    }
+    EXPECT_FALSE(check.Add({}, world_from_cam, map, false, kCamera)) << i;
   }
-  EXPECT_EQ(warnings.empty() ? "" : warnings.back(), check.warning());
-  return warnings;
-}
-
-TEST(ConventionCheck, NeverOrdersAWrongReadingOfAMapThatGrows) {
-  std::vector<PoseSemantics> readings;
-  for (const Direction direction : {Direction::kWorldFromCam, Direction::kCamFromWorld}) {
-    for (const Child child : {Child::kCameraOptical, Child::kCameraFlu}) readings.push_back({direction, child, {}});
-  }
-  for (const PoseSemantics& sent : readings) {
-    for (const PoseSemantics& configured : readings) {
-      const std::string what = Describe(sent) + " read as " + Describe(configured);
-      for (const int first : {0, 20}) {
-        const auto warnings = WarningsOfAGrowingMap(sent, configured, first);
-        if (Describe(sent) == Describe(configured)) {
-          EXPECT_TRUE(warnings.empty()) << what << ": " << warnings.front();
-          continue;
-        }
-        ASSERT_FALSE(warnings.empty()) << what;
-        EXPECT_THAT(warnings.back(), AllOf(HasSubstr("set this"), HasSubstr(Concat("~pose_is: ", Name(sent.direction))),
-                                           HasSubstr(Concat("~pose_child: ", Name(sent.child)))))
-            << what;
-        if (warnings.size() == 1) continue;
-        EXPECT_EQ(warnings.size(), 2u);
-        EXPECT_THAT(warnings.front(), AllOf(HasSubstr("several other readings fit"), Not(HasSubstr("set this"))));
-      }
-    }
-  }
-  // At the start the inverse pose and the camera's own frame fit nearly as well.
-  EXPECT_EQ(WarningsOfAGrowingMap({}, {Direction::kWorldFromCam, Child::kCameraFlu, std::nullopt}, 0).size(), 2u);
+  EXPECT_LT(*check.share_in_front(), 0.9);
 }
 
 }  // namespace

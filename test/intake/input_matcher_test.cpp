@@ -124,7 +124,7 @@ TEST(InputMatcher, TakesTheNearestOfTwoPosesAndEachOnce) {
   EXPECT_THAT(m.Take().stamps, IsEmpty()) << "a nearer pose may still come";
   m.Pose(5 * kMs, 2);
   EXPECT_THAT(m.Take().poses, ElementsAre(2));
-  m.Image(16 * kMs);
+  m.Image(5 * kMs + kMs / 2);
   EXPECT_THAT(m.Take().stamps, IsEmpty());
 }
 
@@ -342,6 +342,7 @@ TEST(ALoopingBag, LosesAndMixesNothing) {
 TEST(ALoopingBag, KeepsWhatCameBeforeTheLastImageOfTheOldRun) {
   Matching m;
   m.matcher.set_clouds_expected(true);
+  m.Pose(0, 7);  // of the old run, for no image
   for (const double run : {0.0, 1.0}) {
     m.Pose(run == 0 ? 5 * kS : 0, run);
     m.Cloud(run == 0 ? 5 * kS : 0, run);
@@ -391,6 +392,9 @@ TEST(ALoopingBag, TakesNothingOfTheOldRunThatCameAfterTheJump) {
   const Taken taken = m.Take(1);
   EXPECT_THAT(taken.poses, ElementsAre(1));
   EXPECT_THAT(taken.clouds, ElementsAre(1));
+  m.Cloud(kLast, 1);
+  m.Posed(kLast, 1);
+  EXPECT_THAT(m.Take(1).poses, ElementsAre(1)) << "the late one has this stamp, too";
 }
 
 TEST(ALoopingBag, ForgetsTheOldRunAtAJump) {

@@ -20,35 +20,7 @@ class BadInputSession : public MapperControl {
   const bool ready = WaitUntilReady(kTimeoutS);
 };
 
-class BadInputTest : public SessionTest<BadInputSession> {
- protected:
-  void SetUp() override {
-    ASSERT_TRUE(session().ready);
-    // A run of its own for each case: later stamps, nothing left of the case before.
-    start_s_ += 100;
-    ASSERT_TRUE(mapper().Call("reset"));
-  }
-
-  static MapperControl& mapper() { return session(); }
-
-  /// The scene at new stamps.
-  static std::vector<ViewMessages> Scene() {
-    std::vector<ViewMessages> messages = session().scene;
-    for (size_t i = 0; i < messages.size(); ++i) SetStamp(StampOf(i, start_s_), &messages[i]);
-    return messages;
-  }
-
-  /// One view before the good ones.
-  static ViewMessages View(size_t index = 0) {
-    ViewMessages view = session().scene[index];
-    SetStamp(ros::Time(start_s_ - 10, 0), &view);
-    return view;
-  }
-
-  static void ExpectWorks() { EXPECT_EQ(mapper().Map(Scene()), kViews) << "the mapper must go on after bad input"; }
-
-  inline static uint32_t start_s_ = 1000;
-};
+using BadInputTest = RunsTest<BadInputSession>;
 
 TEST_F(BadInputTest, IsNamedWithItsReasonAndTheMapperGoesOn) {
   constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
@@ -62,16 +34,9 @@ TEST_F(BadInputTest, IsNamedWithItsReasonAndTheMapperGoesOn) {
   } cases[] = {
       {"bad_image", {"holograms"}, [](auto* v) { v->image.encoding = "holograms"; }},
       {"bad_camera_info", {"/camera_info", "K[0] = 0"}, [](auto* v) { v->camera_info.K[0] = 0; }},
-      {"bad_camera_info",
-       {"\"fov\""},
-       [](auto* v) { v->camera_info.distortion_model = "fov", v->camera_info.D = {0.9}; }},
       {"bad_image", {"64x48", "65x48"}, [](auto* v) { v->camera_info.width = 65; }},
       {"bad_image", {"principal point at (1e+09"}, [](auto* v) { v->camera_info.K[2] = 1e9; }},
       {"bad_pose", {"/pose", "not finite"}, [](auto* v) { v->pose.pose.position.y = double{kNan}; }},
-      {"bad_pose",
-       {"norm is 2"},
-       [](auto* v) { v->pose.pose.orientation = geometry_msgs::Quaternion(), v->pose.pose.orientation.z = 2; }},
-      {"sparse_empty", {"0 usable points", "0 not finite"}, [&](auto* v) { with_cloud(v, {}); }},
       {"sparse_empty",
        {"1 not finite", "2 exactly zero"},
        [&](auto* v) {
@@ -91,7 +56,7 @@ TEST_F(BadInputTest, IsNamedWithItsReasonAndTheMapperGoesOn) {
     ASSERT_TRUE(mapper().Call("reset"));
     start_s_ += 100;
     for (const uint32_t before_s : {10, 9}) {  // what fails must leave nothing half made for the next
-      ViewMessages view = session().scene[0];
+      ViewMessages view = mapper().scene[0];
       SetStamp(ros::Time(start_s_ - before_s, 0), &view);
       bad.change(&view);
       mapper().player.Publish(view);
@@ -102,13 +67,13 @@ TEST_F(BadInputTest, IsNamedWithItsReasonAndTheMapperGoesOn) {
   }
   EXPECT_TRUE(mapper().WaitForLog({"bad_image", "holograms"}, kTimeoutS));
   ASSERT_TRUE(mapper().Call("reset"));
-  ExpectWorks();
+  EXPECT_EQ(mapper().Map(OfThisRun(mapper().scene)), kViews) << "the mapper must go on after bad input";
 }
 
 TEST_F(BadInputTest, TimeJumpsBack) {
-  EXPECT_EQ(mapper().Map(Scene()), kViews);
-  std::vector<ViewMessages> again = Scene();  // the same stamps, as a looping bag has them
-  EXPECT_EQ(mapper().Map(again), kViews);
+  for (int run = 0; run < 2; ++run) {  // the same stamps, as a looping bag has them
+    EXPECT_EQ(mapper().Map(OfThisRun(mapper().scene)), kViews);
+  }
   EXPECT_TRUE(mapper().WaitForLog({"time jumped back"}, kTimeoutS));
 }
 

@@ -228,12 +228,6 @@ class FrontendPlayer {
   }
 
  private:
-  /// One image of the camera.
-  struct CameraImage {
-    sensor_msgs::Image image;
-    sensor_msgs::CameraInfo camera_info;
-  };
-
   /// Where the frontend has such a topic.
   template <class Message>
   ros::Publisher Advertise(ros::NodeHandle* nh, const char* key) {
@@ -260,7 +254,7 @@ class FrontendPlayer {
       ViewMessages plain = MakeMessages(views[i], stamps_[i]);
       plain.image.header.frame_id = plain.camera_info.header.frame_id = traits_.Text("image_frame");
       if (traits_.Flag("float_poses")) plain.pose.pose = RoundedToFloat(plain.pose.pose);
-      images_.push_back({plain.image, plain.camera_info});
+      images_.push_back(plain);
       plain_.push_back(plain);
 
       observed_.emplace_back();
@@ -364,7 +358,7 @@ class FrontendPlayer {
   /// Maps the axes of the synthetic scene to the frontend's world; no rounding: a permutation of axes.
   Eigen::Matrix3d world_from_scene_ = Eigen::Matrix3d::Identity();
   std::vector<ros::Time> stamps_;  ///< of the images
-  std::vector<CameraImage> images_;
+  std::vector<ViewMessages> images_;
   std::vector<ViewMessages> plain_;
   std::vector<RigidTransform> world_from_cam_;
   std::vector<geometry_msgs::Pose> poses_;              ///< as published
@@ -415,9 +409,7 @@ class FrontendTest : public ::testing::TestWithParam<const char*> {
   void ExpectPose(const ros::Time& stamp, const geometry_msgs::Pose& pose, const RigidTransform& correction) const {
     size_t view = 0;
     while (view + 1 < kKeyframes && ImageStamp(view) != stamp) ++view;
-    const geometry_msgs::Quaternion& q = pose.orientation;
-    const RigidTransform received = CheckedTransform(
-        Eigen::Quaterniond(q.w, q.x, q.y, q.z), Eigen::Vector3d(pose.position.x, pose.position.y, pose.position.z));
+    const RigidTransform received = ToTransform(pose);
     const RigidTransform expected = correction * player_.world_from_cam().at(view);
     // Some products of rotations and a quaternion, all in double.
     EXPECT_LT((received.matrix() - expected.matrix()).cwiseAbs().maxCoeff(), 1e-12) << stamp;

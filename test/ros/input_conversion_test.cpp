@@ -405,7 +405,7 @@ boost::shared_ptr<sensor_msgs::Image> MakeMessage(const std::string& encoding, u
 }
 
 std::vector<float> Decode(const sensor_msgs::ImageConstPtr& message) {
-  const CompanionSample sample = ToPriorDepthSample(message);
+  const ImageSample sample = ToPriorDepthSample(message);
   EXPECT_EQ(sample.stamp_ns, 7000000008);
   const DepthMap depth = DecodePriorDepth(*sample.image);
   EXPECT_EQ(depth.width(), static_cast<int>(message->width));
@@ -415,12 +415,12 @@ std::vector<float> Decode(const sensor_msgs::ImageConstPtr& message) {
 TEST(MaskMessage, IsReadRowByRowWithoutPadding) {
   const PinholeCamera camera = {3, 2, 3, 3, 1, 0.5};
   for (const char* encoding : {"mono8", "8UC1"}) {
-    const CompanionSample sample = ToMaskSample(MakeMessage<uint8_t>(encoding, 3, 2, 1, {0, 1, 255, 7, 0, 0}));
+    const ImageSample sample = ToMaskSample(MakeMessage<uint8_t>(encoding, 3, 2, 1, {0, 1, 255, 7, 0, 0}));
     EXPECT_EQ(sample.stamp_ns, 7000000008);
     const Mask mask = DecodeMask(*sample.image, camera);
     EXPECT_THAT(std::vector<unsigned char>(mask.begin(), mask.end()), ElementsAre(0, 1, 255, 7, 0, 0));
   }
-  const CompanionSample turned = ToMaskSample(MakeMessage<uint8_t>("mono8", 2, 3, 0, {0, 1, 255, 7, 0, 0}));
+  const ImageSample turned = ToMaskSample(MakeMessage<uint8_t>("mono8", 2, 3, 0, {0, 1, 255, 7, 0, 0}));
   EXPECT_THAT(ErrorOf([&] { DecodeMask(*turned.image, camera); }), AllOf(HasSubstr("2x3"), HasSubstr("3x2")));
 }
 

@@ -2,16 +2,13 @@
 // frontends are in frontends_rostest.
 
 #include <acmp_mapping/Keyframe.h>
-#include <diagnostic_msgs/DiagnosticArray.h>
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <gtest/gtest.h>
 #include <nav_msgs/Odometry.h>
-#include <rosgraph_msgs/Log.h>
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/PointCloud.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <sensor_msgs/point_cloud_conversion.h>
-#include <std_srvs/Trigger.h>
 #include <tf2_eigen/tf2_eigen.h>
 #include <boost/make_shared.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -29,45 +26,29 @@ ros::Publisher Advertise(ros::NodeHandle* nh, const std::string& topic) {
   return nh->advertise<Message>(topic, 100);
 }
 
-/// One mapper, seen from outside.
-struct Mapper {
-  explicit Mapper(const std::string& mapper_ns, Parameters parameters = {})
-      : ns(mapper_ns), depth({}, ns + "/depth/image_rect"), keyframes({}, ns + "/keyframe_pose") {
-    parameters.insert({"sparse_wait", 5.0});
-    nodelets.LoadMapper(ns + "/mapper", parameters);
-  }
+/// A mapper in a namespace.
+struct Mapper : MapperControl {
+  explicit Mapper(const std::string& of_ns, Parameters parameters = {})
+      : MapperControl((parameters.insert({"sparse_wait", 5.0}), parameters), std::nullopt, of_ns) {}
 
-  bool WaitUntilReady() const {
-    return depth.WaitForPublisher(kTimeoutS) && keyframes.WaitForPublisher(kTimeoutS) &&
-           ros::service::waitForService(ns + "/mapper/flush", ros::Duration(kTimeoutS));
-  }
   /// All depth images of the scene, or fewer.
   std::vector<sensor_msgs::ImageConstPtr> Finish() {
-    keyframes.WaitForCount(kViews, kTimeoutS);
-    std_srvs::Trigger flush;
-    EXPECT_TRUE(ros::service::call(ns + "/mapper/flush", flush) && flush.response.success) << flush.response.message;
+    keyframe_pose.WaitForCount(kViews, kTimeoutS);
+    EXPECT_TRUE(Call("flush"));
     depth.WaitForCount(kViews, kTimeoutS);
     return depth.messages();
   }
-
-  LoadedNodelets nodelets;
-  std::string ns;
-  Recorder<sensor_msgs::Image> depth;
-  Recorder<geometry_msgs::PoseStamped> keyframes;
 };
 
 /// The scene, and what is made of it by plain messages.
 struct PlainInputs {
-  ros::AsyncSpinner spinner{1};
   const std::vector<ViewMessages> scene = MakeSmallScene(kViews);
   std::vector<sensor_msgs::ImageConstPtr> expected;
 
   PlainInputs() {
-    spinner.start();
     Mapper mapper("/plain");
-    ScenePlayer player(ros::NodeHandle("/plain"));
-    EXPECT_TRUE(player.WaitForMapper(kTimeoutS) && mapper.WaitUntilReady());
-    for (const ViewMessages& view : scene) player.Publish(view);
+    EXPECT_TRUE(mapper.WaitUntilReady(kTimeoutS));
+    for (const ViewMessages& view : scene) mapper.player.Publish(view);
     expected = mapper.Finish();
   }
 };
@@ -89,9 +70,8 @@ class InputsTest : public SessionTest<PlainInputs> {
 
 TEST_F(InputsTest, KeyframesInOneMessage) {
   Mapper mapper("/keyframes", {{"keyframe_mode", std::string("external")}});
-  ros::NodeHandle nh("/keyframes");
-  ros::Publisher publisher = Advertise<acmp_mapping::Keyframe>(&nh, "keyframe");
-  ASSERT_TRUE(WaitForSubscriber(publisher) && mapper.WaitUntilReady());
+  ros::Publisher publisher = Advertise<acmp_mapping::Keyframe>(&mapper.nh, "keyframe");
+  ASSERT_TRUE(WaitForSubscriber(publisher) && mapper.WaitForOutputs(kTimeoutS));
   for (const ViewMessages& view : Scene()) {
     acmp_mapping::Keyframe keyframe;
     keyframe.header = view.pose.header;
@@ -107,12 +87,10 @@ TEST_F(InputsTest, KeyframesInOneMessage) {
 TEST_F(InputsTest, PoseWithCovarianceOldCloudsAndACalibrationFile) {
   Mapper mapper("/others", {{"pose_source", std::string("pose_cov")},
                             {"calibration_file", ACMP_SOURCE_DIR "/test/ros/small_camera.yaml"}});
-  ros::NodeHandle nh("/others");
-  ros::Publisher image = Advertise<sensor_msgs::Image>(&nh, "image");
-  ros::Publisher pose = Advertise<geometry_msgs::PoseWithCovarianceStamped>(&nh, "pose_cov");
-  ros::Publisher cloud = Advertise<sensor_msgs::PointCloud>(&nh, "sparse_points_v1");
-  ASSERT_TRUE(WaitForSubscriber(image) && WaitForSubscriber(pose) && WaitForSubscriber(cloud));
-  ASSERT_TRUE(mapper.WaitUntilReady());
+  ros::Publisher pose = Advertise<geometry_msgs::PoseWithCovarianceStamped>(&mapper.nh, "pose_cov");
+  ros::Publisher cloud = Advertise<sensor_msgs::PointCloud>(&mapper.nh, "sparse_points_v1");
+  ASSERT_TRUE(WaitForSubscriber(mapper.player.image) && WaitForSubscriber(pose) && WaitForSubscriber(cloud));
+  ASSERT_TRUE(mapper.WaitForOutputs(kTimeoutS));
   for (const ViewMessages& view : Scene()) {
     sensor_msgs::PointCloud old_cloud;
     ASSERT_TRUE(sensor_msgs::convertPointCloud2ToPointCloud(view.sparse_points, old_cloud));
@@ -121,41 +99,22 @@ TEST_F(InputsTest, PoseWithCovarianceOldCloudsAndACalibrationFile) {
     with_covariance.header = view.pose.header;
     with_covariance.pose.pose = view.pose.pose;
     pose.publish(with_covariance);
-    image.publish(view.image);
+    mapper.player.image.publish(view.image);
   }
   ExpectTheSameDepth(&mapper);
 }
 
 TEST_F(InputsTest, ImagesWaitForTheExtrinsicAndAreMappedWhenItComes) {
   Mapper mapper("/body", {{"pose_child", std::string("body")}});
-  ros::NodeHandle nh("/body");
-  ScenePlayer player(nh);
-  Recorder<diagnostic_msgs::DiagnosticArray> diagnostics(nh, "/diagnostics");
-  Recorder<rosgraph_msgs::Log> log(nh, "/rosout");
-  ros::Publisher extrinsic = Advertise<nav_msgs::Odometry>(&nh, "extrinsic");
-  ASSERT_TRUE(player.WaitForMapper(kTimeoutS) && WaitForSubscriber(extrinsic) && mapper.WaitUntilReady());
-  ASSERT_TRUE(log.WaitForPublisher(kTimeoutS));
-  for (const ViewMessages& view : Scene()) player.Publish(view);
-  const auto waiting = [](const std::vector<diagnostic_msgs::DiagnosticArrayConstPtr>& arrays) {
-    for (const auto& array : arrays) {
-      for (const auto& status : array->status) {
-        const bool body = status.name.find("/body/") != std::string::npos || status.name.find("body") == 0;
-        if (body && status.message.find("T_body_cam is not known") != std::string::npos) return true;
-      }
-    }
-    return false;
-  };
-  EXPECT_TRUE(diagnostics.WaitUntil(waiting, kTimeoutS)) << "diagnostics must say what the images wait for";
+  ros::Publisher extrinsic = Advertise<nav_msgs::Odometry>(&mapper.nh, "extrinsic");
+  ASSERT_TRUE(mapper.WaitUntilReady(kTimeoutS) && WaitForSubscriber(extrinsic));
+  for (const ViewMessages& view : Scene()) mapper.player.Publish(view);
+  EXPECT_TRUE(mapper.WaitForDiagnostic({"images wait: T_body_cam is not known"}, kTimeoutS));
   nav_msgs::Odometry identity;  // the body is the camera: the numbers stay the same
   identity.pose.pose.orientation.w = 1;
   extrinsic.publish(identity);
   ExpectTheSameDepth(&mapper);
-  const auto told = [](const std::vector<rosgraph_msgs::LogConstPtr>& lines) {
-    return std::any_of(lines.begin(), lines.end(), [](const auto& line) {
-      return line->msg.find("T_body_cam is taken from topic extrinsic") != std::string::npos;
-    });
-  };
-  EXPECT_TRUE(log.WaitUntil(told, kTimeoutS)) << "the choice must be logged";
+  EXPECT_TRUE(mapper.WaitForLog({"T_body_cam is taken from topic extrinsic"}, kTimeoutS)) << "the choice is logged";
 }
 
 // Rounded points give another depth range, which matching begins with: not the same bits, but the same depth.
@@ -166,11 +125,10 @@ TEST_F(InputsTest, CompressedImagesInverseFluPosesAndPointsOfTheCameraThroughThe
                          {"world_frame", std::string("earth")},
                          {"sparse_frame", std::string("camera")},
                          {"keyframe_mode", std::string("gate")}});
-  ros::NodeHandle nh("/odd");
-  ros::Publisher image = Advertise<sensor_msgs::CompressedImage>(&nh, "image/compressed");
-  ScenePlayer player(nh, "unused_image");
+  const ScenePlayer& player = mapper.player;
+  ros::Publisher image = Advertise<sensor_msgs::CompressedImage>(&mapper.nh, "image/compressed");
   ASSERT_TRUE(WaitForSubscriber(image) && WaitForSubscriber(player.pose) && WaitForSubscriber(player.sparse_points) &&
-              WaitForSubscriber(player.camera_info) && mapper.WaitUntilReady());
+              WaitForSubscriber(player.camera_info) && mapper.WaitForOutputs(kTimeoutS));
   RigidTransform flu_from_optical = RigidTransform::Identity();
   flu_from_optical.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   for (const ViewMessages& view : Scene()) {
@@ -206,7 +164,7 @@ TEST_F(InputsTest, CompressedImagesInverseFluPosesAndPointsOfTheCameraThroughThe
     }
   }
   EXPECT_GT(static_cast<double>(near), 0.7 * static_cast<double>(all));
-  EXPECT_EQ(mapper.keyframes.messages().front()->header.frame_id, "earth");
+  EXPECT_EQ(mapper.keyframe_pose.messages().front()->header.frame_id, "earth");
 }
 
 TEST_F(InputsTest, AnInvertedExtrinsicIsNamed) {
@@ -218,23 +176,13 @@ TEST_F(InputsTest, AnInvertedExtrinsicIsNamed) {
   constexpr int kWidth = 240;  // px: enough for matches between images
   Mapper mapper("/inverted",
                 {{"pose_child", std::string("body")}, {"T_body_cam", inverse}, {"max_image_size", kWidth}});
-  ros::NodeHandle nh("/inverted");
-  ScenePlayer player(nh);
-  Recorder<rosgraph_msgs::Log> log(nh, "/rosout");
-  ASSERT_TRUE(player.WaitForMapper(kTimeoutS) && mapper.WaitUntilReady() && log.WaitForPublisher(kTimeoutS));
+  ASSERT_TRUE(mapper.WaitUntilReady(kTimeoutS));
   for (ViewMessages& view : MakeSmallScene(8, 1000, kWidth)) {
     view.pose.pose = tf2::toMsg(ToTransform(view.pose.pose) * body_from_cam.inverse());
-    player.Publish(view);
+    mapper.player.Publish(view);
   }
-  std_srvs::Trigger flush;
-  ASSERT_TRUE(ros::service::call("/inverted/mapper/flush", flush));
-  const auto told = [](const std::vector<rosgraph_msgs::LogConstPtr>& lines) {
-    return std::any_of(lines.begin(), lines.end(), [](const auto& line) {
-      return line->msg.find("pose_reading") == 0 &&
-             line->msg.find("what fits is the inverse of T_body_cam") != std::string::npos;
-    });
-  };
-  EXPECT_TRUE(log.WaitUntil(told, kTimeoutS));
+  ASSERT_TRUE(mapper.Call("flush"));
+  EXPECT_TRUE(mapper.WaitForLog({"pose_reading", "what fits is the inverse of T_body_cam"}, kTimeoutS));
 }
 
 }  // namespace acmp::test::inputs_rostest

@@ -423,7 +423,8 @@ class Rig {
       : intake(options, KeyframeGateOptions(), 0, {{}, lookup}) {
     intake.AddCameraInfo(MakeInfo("left"));
     intake.set_clouds_expected(false);
-    for (int i = 0; i < options.matcher.source_cameras; ++i) intake.set_source_expected(static_cast<size_t>(i), true);
+    for (int i = 0; i < options.matcher.source_cameras; ++i)
+      intake.set_companion_expected(kSourceStream + static_cast<size_t>(i), true);
   }
 
   /// Feeds an image with its pose.
@@ -432,6 +433,10 @@ class Rig {
     pose.stamp_ns = ToStampNs(ros::Time(stamp_s));
     intake.AddPose(pose);
     intake.AddImage(ImageAt(stamp_s, "left"));
+  }
+
+  void AddSourceImage(size_t camera, const std::shared_ptr<const EncodedImage>& image) {
+    intake.AddCompanion(kSourceStream + camera, {ToStampNs(image->header().stamp), image});
   }
 
   Result Take(double now_s) { return Split(intake.Take(now_s)); }
@@ -445,7 +450,7 @@ Result FeedPair(const NodeOptions& options, const sensor_msgs::CameraInfo& right
   Rig rig(options, lookup);
   rig.intake.AddSourceCameraInfo(0, right);
   rig.AddImage(5);
-  rig.intake.AddSourceImage(0, ImageAt(5, right.header.frame_id));
+  rig.AddSourceImage(0, ImageAt(5, right.header.frame_id));
   Result result = rig.TakeAll();
   EXPECT_THAT(result.keyframes, SizeIs(1)) << "nothing is lost";
   for (const RejectedInput& drop : result.drops) EXPECT_FALSE(drop.ends_image);
@@ -512,7 +517,7 @@ TEST(SourceCamerasTest, OneWithoutCameraInfoIsNamed) {
   bad.K[0] = 0;
   EXPECT_THROW(rig.intake.AddSourceCameraInfo(0, bad), InvalidInputError);
   rig.AddImage(5);
-  rig.intake.AddSourceImage(0, ImageAt(5, "right"));
+  rig.AddSourceImage(0, ImageAt(5, "right"));
   const Result result = rig.TakeAll();
   ASSERT_THAT(result.keyframes, SizeIs(1));
   ASSERT_THAT(result.drops, SizeIs(1));
@@ -523,9 +528,9 @@ TEST(SourceCamerasTest, AnImageWaitsForItsOwnAndNotForever) {
   Rig rig(WithSources(2));
   for (const size_t camera : {0, 1}) rig.intake.AddSourceCameraInfo(camera, MakeInfo("right", kPairBaseline));
   rig.AddImage(5);
-  rig.intake.AddSourceImage(0, ImageAt(5.004, "right"));  // ~source_tolerance is 5 ms
+  rig.AddSourceImage(0, ImageAt(5.004, "right"));  // ~source_tolerance is 5 ms
   EXPECT_THAT(rig.Take(10).keyframes, IsEmpty());
-  rig.intake.AddSourceImage(1, ImageAt(4.99, "right"));
+  rig.AddSourceImage(1, ImageAt(4.99, "right"));
   EXPECT_THAT(rig.Take(10.4).keyframes, IsEmpty());
   const Result result = rig.Take(10.5);
   ASSERT_THAT(result.keyframes, SizeIs(1));
@@ -538,7 +543,7 @@ TEST(SourceCamerasTest, AnImageWaitsForItsOwnAndNotForever) {
 
 TEST(SourceCamerasTest, NobodyWaitsForOneThatNobodyPublishes) {
   Rig rig(WithSources(1));
-  rig.intake.set_source_expected(0, false);
+  rig.intake.set_companion_expected(kSourceStream, false);
   rig.AddImage(5);
   EXPECT_THAT(rig.Take(10).keyframes, SizeIs(1));
 }

@@ -99,9 +99,9 @@ TEST(OptimizedPath, WarnsOfAnotherFrame) {
   nav_msgs::Path message;
   message.header.frame_id = "/map";
   message.poses = {MakePose(1, 1, "/world"), MakePose(2, 2, ""), MakePose(3, 3, "map")};
-  const OptimizedPath path = ToOptimizedPath(message, "world", [](const Incident&) { ADD_FAILURE(); });
+  const OptimizedPath path = ToOptimizedPath(message, "world", [](const RejectedInput&) { ADD_FAILURE(); });
   EXPECT_EQ(path.poses.size(), 3u) << "used all the same";
-  const Incident doubt = DescribeDoubt(path, ReposeResult(), "world");
+  const RejectedInput doubt = DescribeDoubt(path, ReposeResult(), "world");
   EXPECT_EQ(doubt.reason, "optimized_path_frame");
   // A slash makes no difference; a nameless pose is in the path's frame.
   EXPECT_THAT(doubt.message, AllOf(HasSubstr("2 of 3"), HasSubstr("\"map\""), HasSubstr("\"world\"")));
@@ -126,7 +126,7 @@ TEST(OptimizedPath, NamesWhatIsTooFarAway) {
   result.nearest = ReposeResult::Gap{0, 1000000};
   result.too_far = 2;
   result.first_too_far = ReposeResult::TooFar{1500000000, {1e12, 0, -3}, {{0, 5, 0}, 1e8}};
-  const Incident too_far = DescribeTooFar(result);
+  const RejectedInput too_far = DescribeTooFar(result);
   EXPECT_EQ(too_far.reason, "optimized_path_too_far");
   EXPECT_THAT(too_far.message,
               AllOf(HasSubstr("keyframes not moved by optimized_path: 2;"),

@@ -1,5 +1,6 @@
 // Loading and unloading the nodelet in a manager while data flows, and refusing to start with bad parameters.
 
+#include <atomic>
 #include <csignal>
 #include <thread>
 
@@ -14,7 +15,6 @@
 
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
-#include "ros/endless_player.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::lifecycle_rostest {
@@ -32,6 +32,27 @@ std::vector<std::string> LoadedNames() {
   return list.response.nodelets;
 }
 
+/// Publishes the scene over and over, as a looping bag does, until destroyed.
+class EndlessPlayer {
+ public:
+  explicit EndlessPlayer(const ScenePlayer& player)
+      : thread_([this, &player] {
+          const std::vector<ViewMessages> scene = MakeSmallScene(12);
+          for (size_t i = 0; !stop_; ++i) {
+            player.Publish(scene[i % scene.size()]);
+            ros::WallDuration(0.02).sleep();
+          }
+        }) {}
+  ~EndlessPlayer() {
+    stop_ = true;
+    thread_.join();
+  }
+
+ private:
+  std::atomic<bool> stop_{false};
+  std::thread thread_;
+};
+
 class LifecycleTest : public SessionTest<MapperControl> {
  protected:
   void SetUp() override {
@@ -39,7 +60,6 @@ class LifecycleTest : public SessionTest<MapperControl> {
     ros::param::del(kName);
     ros::param::set(std::string(kName) + "/device", "cpu");
     ros::param::set(std::string(kName) + "/preset", "online");
-    ros::param::set(std::string(kName) + "/diagnostic_period", 0.2);
     mapper().log.Clear();
     mapper().diagnostics.Clear();
   }

@@ -21,6 +21,20 @@ bool ContainsAll(const std::string& text, const std::vector<std::string>& parts)
                      [&](const std::string& part) { return text.find(part) != std::string::npos; });
 }
 
+/// Whether function(status, key, value) holds for one of them; the message of a status has the key "".
+template <class Function>
+bool AnyOf(const std::vector<diagnostic_msgs::DiagnosticArrayConstPtr>& arrays, const Function& function) {
+  for (const auto& array : arrays) {
+    for (const auto& status : array->status) {
+      if (function(status.name, std::string(), status.message)) return true;
+      for (const auto& value : status.values) {
+        if (function(status.name, value.key, value.value)) return true;
+      }
+    }
+  }
+  return false;
+}
+
 bool CallTrigger(const std::string& service, std::string* message) {
   std_srvs::Trigger trigger;
   if (!ros::service::call(service, trigger)) return false;
@@ -60,9 +74,10 @@ bool UnloadNodelet(const std::string& name) {
   return ros::service::call("/manager/unload_nodelet", unload) && unload.response.success;
 }
 
-LoadedNodelets::LoadedNodelets(const Parameters& mapper, const std::optional<Parameters>& map_server) {
-  if (map_server) Load("/map_server", "MapServerNodelet", *map_server, {});
-  LoadMapper("/dense_mapper", mapper);
+LoadedNodelets::LoadedNodelets(const Parameters& mapper, const std::optional<Parameters>& map_server,
+                               const std::string& ns) {
+  if (map_server) Load(ns + "/map_server", "MapServerNodelet", *map_server, {});
+  LoadMapper(ns + "/dense_mapper", mapper);
 }
 
 void LoadedNodelets::LoadMapper(const std::string& name, Parameters parameters,
@@ -74,7 +89,6 @@ void LoadedNodelets::LoadMapper(const std::string& name, Parameters parameters,
 
 void LoadedNodelets::Load(const std::string& name, const std::string& type, const Parameters& parameters,
                           const std::map<std::string, std::string>& remap) {
-  ros::param::set(name + "/diagnostic_period", 0.2);  // that many tests wait for
   for (const auto& [parameter, value] : parameters) ros::param::set(name + "/" + parameter, value);
   EXPECT_TRUE(LoadNodelet(name, type, remap)) << name;
   names_.push_back(name);
@@ -95,30 +109,29 @@ bool WaitForValue(Recorder<diagnostic_msgs::DiagnosticArray>* diagnostics, const
                   const std::string& key, const std::string& start) {
   return diagnostics->WaitUntil(
       [&](const auto& arrays) {
-        for (const auto& array : arrays) {
-          for (const auto& found : array->status) {
-            if (found.name != status) continue;
-            for (const auto& value : found.values) {
-              if (value.key == key && value.value.rfind(start, 0) == 0) return true;
-            }
-          }
-        }
-        return false;
+        return AnyOf(arrays, [&](const auto& name, const auto& found, const auto& value) {
+          return name == status && found == key && value.rfind(start, 0) == 0;
+        });
       },
       kTimeoutS);
 }
 
-MapperControl::MapperControl() { spinner.start(); }
+MapperControl::MapperControl(const std::string& ns) : ns(ns) { spinner.start(); }
 
-MapperControl::MapperControl(const Parameters& mapper, const std::optional<Parameters>& map_server) : MapperControl() {
-  nodelets_.emplace(mapper, map_server);
+MapperControl::MapperControl(const Parameters& mapper, const std::optional<Parameters>& map_server,
+                             const std::string& ns)
+    : MapperControl(ns) {
+  nodelets_.emplace(mapper, map_server, ns);
+}
+
+bool MapperControl::WaitForOutputs(double timeout_s) {
+  return depth.WaitForPublisher(timeout_s) && keyframe_pose.WaitForPublisher(timeout_s) &&
+         log.WaitForPublisher(timeout_s) && diagnostics.WaitForCount(1, timeout_s) &&
+         ros::service::waitForService(ns + "/dense_mapper/flush", ros::Duration(timeout_s));
 }
 
 bool MapperControl::WaitUntilReady(double timeout_s) {
-  return player.WaitForMapper(timeout_s) && depth.WaitForPublisher(timeout_s) &&
-         keyframe_pose.WaitForPublisher(timeout_s) && log.WaitForPublisher(timeout_s) &&
-         diagnostics.WaitForCount(1, timeout_s) &&
-         ros::service::waitForService("/dense_mapper/flush", ros::Duration(timeout_s));
+  return player.WaitForMapper(timeout_s) && WaitForOutputs(timeout_s);
 }
 
 size_t MapperControl::Map(const std::vector<ViewMessages>& messages) {
@@ -152,11 +165,11 @@ bool MapperControl::WaitForMapServer(double timeout_s) {
 }
 
 bool MapperControl::Call(const std::string& service, std::string* message) {
-  return CallTrigger("/dense_mapper/" + service, message);
+  return CallTrigger(ns + "/dense_mapper/" + service, message);
 }
 
 bool MapperControl::CallMap(const std::string& service, std::string* message) {
-  return CallTrigger("/map_server/" + service, message);
+  return CallTrigger(ns + "/map_server/" + service, message);
 }
 
 acmp_mapping::SaveMap::Response MapperControl::SaveMap(const std::string& path, uint8_t format, bool binary) {
@@ -178,30 +191,21 @@ bool MapperControl::WaitForLog(const std::vector<std::string>& parts, double tim
 
 bool MapperControl::WaitForDiagnostic(const std::vector<std::string>& parts, double timeout_s) {
   return diagnostics.WaitUntil(
-      [&](const std::vector<diagnostic_msgs::DiagnosticArrayConstPtr>& arrays) {
-        for (const auto& array : arrays) {
-          for (const auto& status : array->status) {
-            if (ContainsAll(status.message, parts)) return true;
-            for (const auto& value : status.values) {
-              if (ContainsAll(value.key + " = " + value.value, parts)) return true;
-            }
-          }
-        }
-        return false;
+      [&](const auto& arrays) {
+        return AnyOf(arrays, [&](const auto& /*status*/, const auto& key, const auto& value) {
+          return ContainsAll(key + " = " + value, parts);
+        });
       },
       timeout_s);
 }
 
 std::string MapperControl::DiagnosticValue(const std::string& key) {
-  std::string found;
-  for (const auto& array : diagnostics.messages()) {
-    for (const auto& status : array->status) {
-      for (const auto& value : status.values) {
-        if (value.key == key) found = value.value;
-      }
-    }
-  }
-  return found;
+  std::string newest;
+  AnyOf(diagnostics.messages(), [&](const auto& /*status*/, const auto& found, const auto& value) {
+    if (found == key) newest = value;
+    return false;
+  });
+  return newest;
 }
 
 SavingSession::SavingSession()

@@ -37,8 +37,9 @@ bool UnloadNodelet(const std::string& name);
 class LoadedNodelets {
  public:
   LoadedNodelets() = default;
-  /// /dense_mapper and perhaps /map_server.
-  explicit LoadedNodelets(const Parameters& mapper, const std::optional<Parameters>& map_server = std::nullopt);
+  /// dense_mapper and perhaps map_server, in a namespace.
+  explicit LoadedNodelets(const Parameters& mapper, const std::optional<Parameters>& map_server = std::nullopt,
+                          const std::string& ns = "");
   ~LoadedNodelets();
   LoadedNodelets(const LoadedNodelets&) = delete;
   LoadedNodelets& operator=(const LoadedNodelets&) = delete;
@@ -71,16 +72,19 @@ class SessionTest : public ::testing::Test {
   inline static std::unique_ptr<Session> session_;
 };
 
-/// A mapper named /dense_mapper and perhaps its map, /map_server, seen from outside: their inputs, services, log and
-/// diagnostics.
+/// A mapper named dense_mapper and perhaps its map, map_server, in a namespace, seen from outside: their inputs,
+/// services, log and diagnostics.
 class MapperControl {
  public:
-  MapperControl();
+  explicit MapperControl(const std::string& ns = "");
   /// With the nodelets.
-  explicit MapperControl(const Parameters& mapper, const std::optional<Parameters>& map_server = std::nullopt);
+  explicit MapperControl(const Parameters& mapper, const std::optional<Parameters>& map_server = std::nullopt,
+                         const std::string& ns = "");
 
   /// Everything connected; false after `timeout_s`.
   bool WaitUntilReady(double timeout_s);
+  /// The same, but for what the player sends.
+  bool WaitForOutputs(double timeout_s);
 
   /// The map server is there and gets what the mapper finishes from now on; false after `timeout_s`.
   bool WaitForMapServer(double timeout_s);
@@ -103,7 +107,8 @@ class MapperControl {
   /// Latest value of a key, "" when there is none.
   std::string DiagnosticValue(const std::string& key);
 
-  ros::NodeHandle nh;
+  const std::string ns;
+  ros::NodeHandle nh{ns};
   ros::AsyncSpinner spinner{1};
   ScenePlayer player{nh};
   Recorder<sensor_msgs::Image> depth{nh, "depth/image_rect"};
@@ -113,6 +118,26 @@ class MapperControl {
 
  private:
   std::optional<LoadedNodelets> nodelets_;
+};
+
+/// Cases of one mapper, each of which is a run of its own: later stamps, and nothing left in the mapper. `Session` is a
+/// MapperControl with `ready`.
+template <class Session>
+class RunsTest : public SessionTest<Session> {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(mapper().ready);
+    start_s_ += 100;
+    ASSERT_TRUE(mapper().Call("reset"));
+  }
+  static Session& mapper() { return SessionTest<Session>::session(); }
+  /// Views at the stamps of this run.
+  static std::vector<ViewMessages> OfThisRun(std::vector<ViewMessages> views) {
+    for (size_t i = 0; i < views.size(); ++i) SetStamp(StampOf(i, start_s_), &views[i]);
+    return views;
+  }
+
+  inline static uint32_t start_s_ = 1000;
 };
 
 /// Mapper and map, which saves below the folder for temporary files and is not published by itself.

@@ -5,10 +5,8 @@
 #include <map>
 
 #include <acmp_mapping/KeyframeDepth.h>
-#include <diagnostic_msgs/DiagnosticArray.h>
 #include <gtest/gtest.h>
 #include <nav_msgs/Path.h>
-#include <std_srvs/Trigger.h>
 
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/output_conversion.h"
@@ -34,17 +32,12 @@ std::vector<ViewMessages> MakeAllMessages(const std::vector<SyntheticView>& view
 }
 
 /// One run of the mapper, shared by all cases since it takes seconds.
-struct Session {
-  ros::NodeHandle nh;
-  ros::AsyncSpinner spinner{1};
-  const LoadedNodelets nodelets{{{"preset", std::string("balanced")}, {"sparse_wait", 5.0}}, Parameters{}};
+struct Session : MapperControl {
   const std::vector<SyntheticView> views = MakeViews();
   const std::vector<ViewMessages> messages = MakeAllMessages(views);
   const PipelineMaps expected = MapWithoutRos(messages, "balanced");
-  ScenePlayer player{nh};
   Recorder<sensor_msgs::Image> depth_fast{nh, "depth_fast/image_rect"};
   Recorder<sensor_msgs::CameraInfo> depth_fast_info{nh, "depth_fast/camera_info"};
-  Recorder<sensor_msgs::Image> depth{nh, "depth/image_rect"};
   Recorder<sensor_msgs::CameraInfo> depth_info{nh, "depth/camera_info"};
   Recorder<sensor_msgs::Image> color{nh, "rgb/image_rect_color"};
   Recorder<sensor_msgs::CameraInfo> color_info{nh, "rgb/camera_info"};
@@ -53,21 +46,16 @@ struct Session {
   Recorder<sensor_msgs::Image> depth_picture{nh, "depth/image_vis"};
   Recorder<sensor_msgs::Image> normal_picture{nh, "normal/image_vis"};
   Recorder<sensor_msgs::PointCloud2> points{nh, "points"};
-  Recorder<geometry_msgs::PoseStamped> pose{nh, "keyframe_pose"};
   Recorder<nav_msgs::Path> path{nh, "keyframe_path"};
   Recorder<acmp_mapping::KeyframeDepth> keyframe_depth{nh, "keyframe_depth"};
-  Recorder<diagnostic_msgs::DiagnosticArray> diagnostics{nh, "/diagnostics"};
   bool complete = false;
 
-  Session() {
-    spinner.start();
-    complete = player.WaitForMapper(kTimeoutS) &&
-               All([](auto* output) { return output->WaitForPublisher(kTimeoutS); }) && WaitForMapServer();
+  Session() : MapperControl({{"preset", std::string("balanced")}, {"sparse_wait", 5.0}}, Parameters{}) {
+    complete = WaitUntilReady(kTimeoutS) && WaitForMapServer(kTimeoutS) &&
+               All([](auto* output) { return output->WaitForPublisher(kTimeoutS); });
     for (const ViewMessages& view : messages) player.Publish(view);
-    complete = complete && depth_fast.WaitForCount(expected.fast_before_flush, kTimeoutS);
-    std_srvs::Trigger flush;
-    complete = complete && ros::service::call("/dense_mapper/flush", flush) && flush.response.success;
-    complete = complete && All([](auto* output) { return output->WaitForCount(kViews, kTimeoutS); });
+    complete = complete && depth_fast.WaitForCount(expected.fast_before_flush, kTimeoutS) && Call("flush") &&
+               All([](auto* output) { return output->WaitForCount(kViews, kTimeoutS); });
   }
 
   /// Calls function(recorder) for all outputs of a keyframe until it says false.
@@ -75,14 +63,8 @@ struct Session {
   bool All(const Function& function) {
     return function(&depth_fast) && function(&depth_fast_info) && function(&depth) && function(&depth_info) &&
            function(&color) && function(&color_info) && function(&confidence) && function(&normal) &&
-           function(&depth_picture) && function(&normal_picture) && function(&points) && function(&pose) &&
+           function(&depth_picture) && function(&normal_picture) && function(&points) && function(&keyframe_pose) &&
            function(&path) && function(&keyframe_depth);
-  }
-
-  /// Until the map gets what is finished from now on: both ends of the connection say so.
-  bool WaitForMapServer() {
-    return WaitForValue(&diagnostics, "dense_mapper: mapping", "maps that get its points", "1") &&
-           WaitForValue(&diagnostics, "map_server: mappers", "publishers of /keyframe_points", "1");
   }
 };
 
@@ -168,7 +150,7 @@ TEST_F(MappingTest, ColourIsTheImageThatWasSent) {
 }
 
 TEST_F(MappingTest, PosesAndPathAreThoseThatWereSent) {
-  for (const auto& message : session().pose.messages()) {
+  for (const auto& message : session().keyframe_pose.messages()) {
     const geometry_msgs::Pose& sent = session().messages[ViewOf(message->header.stamp)].pose.pose;
     EXPECT_EQ(message->header.frame_id, kWorldFrame);
     // 1e-9: inverted and turned into a matrix and back in double
@@ -225,15 +207,7 @@ TEST_F(MappingTest, DiagnosticsAreWell) {
                                                                      {"matched size [px]", "120x90"}}) {
     EXPECT_TRUE(WaitForValue(&session().diagnostics, "dense_mapper: mapping", key, value)) << key;
   }
-  const auto refined_again = [](const auto& arrays) {
-    for (const auto& status : arrays.back()->status) {
-      for (const auto& value : status.values) {
-        if (value.key == "refined again for the map") return std::stoi(value.value) > 0;
-      }
-    }
-    return false;
-  };
-  EXPECT_TRUE(session().diagnostics.WaitUntil(refined_again, kTimeoutS));
+  EXPECT_GT(std::stoi(session().DiagnosticValue("refined again for the map")), 0);
   EXPECT_EQ(session().points.messages().size(), kViews) << "what is refined again is not published again";
 }
 

@@ -24,19 +24,12 @@ class MasksSession : public MapperControl {
   size_t sent = 0;       ///< of masks
 };
 
-class MasksTest : public SessionTest<MasksSession> {
+class MasksTest : public RunsTest<MasksSession> {
  protected:
   void SetUp() override {
-    ASSERT_TRUE(session().ready);
-    start_s_ += 100;
-    ASSERT_TRUE(mapper().Call("reset"));
-    for (size_t i = 0; i < kViews; ++i) {
-      views_.push_back(session().scene[i]);
-      SetStamp(StampOf(i, start_s_), &views_.back());
-    }
+    RunsTest::SetUp();
+    views_ = OfThisRun(mapper().scene);
   }
-
-  static MapperControl& mapper() { return session(); }
 
   sensor_msgs::Image MaskOf(size_t view) const {
     sensor_msgs::Image mask;
@@ -83,7 +76,6 @@ class MasksTest : public SessionTest<MasksSession> {
   }
 
   std::vector<ViewMessages> views_;
-  inline static uint32_t start_s_ = 1000;
 };
 
 TEST_F(MasksTest, TheFileIsUsedForAllImages) {

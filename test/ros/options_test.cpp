@@ -149,8 +149,8 @@ TEST(NodeOptions, EachSourceCameraHasAPlaceOrNone) {
 }
 
 TEST(NodeOptions, ThePathMayBeOfAnotherChild) {
-  EXPECT_EQ(PathSemantics(LoadNode({{"pose_child", Word("camera_flu")}})).child, PoseSemantics::Child::kCameraFlu);
-  EXPECT_EQ(PathSemantics(LoadNode({{"path_child", Word("body")}})).child, PoseSemantics::Child::kBody);
+  EXPECT_EQ(PathChild(LoadNode({{"pose_child", Word("camera_flu")}})), PoseSemantics::Child::kCameraFlu);
+  EXPECT_EQ(PathChild(LoadNode({{"path_child", Word("body")}})), PoseSemantics::Child::kBody);
   EXPECT_EQ(LoadNode({{"path_child", Word("")}}).path_child, std::nullopt);
 }
 

@@ -83,17 +83,13 @@ TEST(WorkQueue, CommandsKeepTheirPlaceAndAreNeverDropped) {
 
 TEST(WorkQueue, UrgentCommandsComeFirst) {
   Queue queue(OverloadPolicy::kBlock);
-  for (const int input : {1, 2}) queue.Push(input);
+  queue.Push(1);
   queue.PushCommand(std::make_shared<int>(10));
-  queue.PushUrgent(std::make_shared<int>(20));
-  queue.PushUrgent(std::make_shared<int>(21));
+  queue.PushCommand(std::make_shared<int>(20), true);
   EXPECT_EQ(*std::get<1>(*queue.Pop()), 20);
-  EXPECT_EQ(*std::get<1>(*queue.Pop()), 21);
   EXPECT_EQ(PopInput(&queue), 1);
-  queue.PushUrgent(std::make_shared<int>(22));
-  EXPECT_EQ(*std::get<1>(*queue.Pop()), 22);
-  queue.Stop();
-  EXPECT_FALSE(queue.PushUrgent(nullptr));
+  queue.PushCommand(std::make_shared<int>(21), true);
+  EXPECT_EQ(*std::get<1>(*queue.Pop()), 21);
 }
 
 TEST(WorkQueue, ClearInputsLeavesCommands) {
@@ -139,14 +135,13 @@ class Callback : public ros::CallbackInterface {
   std::function<void()> work_;
 };
 
-TEST(DrainCallbacks, EndsWithTheQueue) {
-  ros::CallbackQueue queue;  // nobody calls what is in it
-  std::thread waiting([&queue] { EXPECT_FALSE(DrainCallbacks(&queue)); });
-  // Whether it has begun to wait by now or not, it must return.
-  queue.disable();
+TEST(GuardedQueue, NobodyWaitsOnceItIsDisabled) {
+  GuardedQueue queue([](const std::string&) {});  // nobody calls what is in it
+  std::thread waiting([&queue] { EXPECT_FALSE(queue.Call([] {})); });
+  queue.disable();  // whether it has begun to wait by now or not, it must return
   queue.clear();
   waiting.join();
-  EXPECT_FALSE(DrainCallbacks(&queue)) << "nor after that";
+  EXPECT_FALSE(queue.Call([] {})) << "nor after that";
 }
 
 TEST(GuardedQueue, TellsWhatCallbacksThrowAndGoesOn) {

@@ -35,7 +35,7 @@ CONSUMERS = ["costmap_2d.launch", "depth_image_proc.launch", "nvblox.launch", "r
 def interface_names():
     """Topics and services of the nodelet: the strings of topic_names.h."""
     with open(os.path.join(SOURCE, "include/acmp_mapping/ros/topic_names.h")) as file:
-        return set(re.findall(r'constexpr char k\w+\[\] = "([^"]+)";', file.read()))
+        return set(re.findall(r'"([^"]+)"', file.read()))
 
 
 def parameters(path="config/acmp_mapping.yaml"):

@@ -1,11 +1,10 @@
 #pragma once
 
 #include <filesystem>
-#include <optional>
 #include <string>
 #include <vector>
 
-#include "acmp_mapping/intake/pose_semantics.h"
+#include "acmp_mapping/ros/options.h"
 
 namespace acmp {
 
@@ -37,12 +36,8 @@ struct BagTopic {
 
 struct BagCheckOptions {
   TopicChoice topics;
-  double sync_tolerance_s = 1e-3;   ///< the mapper's ~sync_tolerance
-  double sparse_tolerance_s = 0.5;  ///< between points and their image, as in the mapper, s
-  PoseSemantics semantics;          ///< the mapper's ~pose_is and ~pose_child
+  NodeOptions mapper;               ///< all but its pose_source, world_frame and source_cameras, which the bag tells
   bool semantics_declared = false;  ///< false: another reading is used where images, or frames and tf, say that it fits
-  std::optional<bool> points_in_camera;    ///< the mapper's ~sparse_frame: camera or world; none: auto
-  std::filesystem::path calibration_file;  ///< the mapper's ~calibration_file; empty: camera_info
 };
 
 struct BagReport {

@@ -12,10 +12,9 @@
 
 namespace acmp {
 
-/// Start-up check for the commonest wiring mistake, wrong pose conventions: with right ones the points that a frontend
-/// has just added to its cloud lie in the image. (Of the others nothing is known: a cloud may be the whole map.) Tries
-/// the other readings of the same numbers and tells which one fits, when it is the only one: frontends start at the
-/// identity, where several do.
+/// Start-up check for a wrong ~sparse_frame, and for poses that are read wrongly: with right ones the points that a
+/// frontend has just added to its cloud lie in the image. (Of the others nothing is known: a cloud may be the whole
+/// map.) Which other reading of the poses fits the images tell (JudgeReadings).
 class ConventionCheck {
  public:
   /// So many new points, of one cloud or of several, are one look. After so many looks it judges first, by the later
@@ -25,43 +24,39 @@ class ConventionCheck {
   static constexpr int kLastLooks = 40;
 
   /// One keyframe: its pose as received and its cloud, which is taken to be in the camera's frame or the world's.
-  /// `cloud_received` is the pose at the cloud's stamp. Returns a warning if the configured reading is implausible or
-  /// another one puts clearly more points into the image: once, and once before where several others fit as well.
+  /// `cloud_received` is the pose at the cloud's stamp. Returns a warning, once, if the other frame puts clearly more
+  /// points into the image, or neither does and most points lie behind the camera.
   std::optional<std::string> Add(const PoseSemantics& configured, const RigidTransform& cloud_received,
                                  const SparseCloud& cloud, bool cloud_in_camera, const PinholeCamera& camera);
 
-  /// The last warning that was returned; empty: none.
+  /// The warning that was returned; empty: none.
   const std::string& warning() const { return warning_; }
 
   /// Share of the points in front of the camera, as configured, 0..1; none before the first point.
   std::optional<double> share_in_front() const;
 
  private:
-  /// One way to read the numbers, and how many of the new points of each look it has before the camera and in the
-  /// image.
-  struct Reading {
-    std::string name;  ///< the parameters to set
-    std::vector<size_t> in_front, in_image;
+  /// So many new points, and how many of them lie before the camera and in the image.
+  struct Look {
+    size_t points = 0, in_front = 0, in_image = 0;
+    size_t in_image_otherwise = 0;  ///< with the other frame of the cloud
   };
   /// Where a cloud has points, in cells of a size.
   using Cells = std::unordered_set<uint64_t>;
 
   /// Points of the cloud near which the one before had none, at most some thousand. None of the first cloud.
   std::vector<Eigen::Vector3d> TakeNew(const SparseCloud& cloud);
-  void Count(const std::string& name, const RigidTransform& cam_from_cloud, const std::vector<Eigen::Vector3d>& points,
-             const PinholeCamera& camera);
   /// Mean share of the new points over the later half of the looks.
-  double Recent(const std::vector<size_t>& counts) const;
-  std::optional<std::string> Judge(const PoseSemantics& configured);
+  double Recent(size_t Look::*count) const;
+  std::optional<std::string> Judge(const PoseSemantics& configured, bool cloud_in_camera);
 
-  int clouds_ = 0;             ///< seen
-  std::vector<size_t> looks_;  ///< how many new points each had; the last one may have too few yet
+  int clouds_ = 0;           ///< seen
+  std::vector<Look> looks_;  ///< the last one may have too few points yet
   bool decided_ = false;
   std::string warning_;
   size_t points_ = 0, in_front_ = 0;  ///< of all clouds, as configured
   double cell_ = 0;
-  Cells before_;                   ///< of the cloud before
-  std::vector<Reading> readings_;  ///< the configured one first
+  Cells before_;  ///< of the cloud before
 };
 
 }  // namespace acmp

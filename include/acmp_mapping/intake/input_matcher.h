@@ -30,8 +30,6 @@ enum CompanionStream : size_t {
   kSourceStream
 };  ///< the last: of source camera 0, the others follow
 
-void Validate(const InputMatcherOptions& options);
-
 /// An image with its pose and landmarks.
 struct MatchedInput {
   ImageSample image;
@@ -74,12 +72,12 @@ class InputMatcher {
   void AddPose(PoseSample pose);
   void AddCloud(SparseCloudPtr cloud);
   /// @param stream a CompanionStream, up to that of the last source camera
-  void AddCompanion(size_t stream, CompanionSample sample);
+  void AddCompanion(size_t stream, ImageSample sample);
 
   /// Whether anybody publishes clouds; if not, no image waits for one. True at first.
   void set_clouds_expected(bool expected) { clouds_expected_ = expected; }
   /// The same of a CompanionStream; false at first. While set, an image that goes without is told by a RejectedInput.
-  void set_companion_expected(size_t stream, bool expected) { companions_.at(stream).set_expected(expected); }
+  void set_companion_expected(size_t stream, bool expected) { companions_.at(stream).expected = expected; }
   /// While set, images wait; those that wait too long are dropped with this. Set at first: no camera is known.
   void set_obstacle(std::optional<RejectedInput> obstacle) { obstacle_ = std::move(obstacle); }
 
@@ -114,21 +112,16 @@ class InputMatcher {
     double ready_since_s = -1;  ///< when the pose was found; < 0: not yet
     std::string pose_problem;   ///< what SetPoseProblem told
   };
-  struct ReceivedPose {
-    PoseSample sample;
-    bool used = false;     ///< a pose belongs to one image
-    uint64_t arrival = 0;  ///< position among all poses, clouds, masks and depth maps
-  };
-
-  struct ReceivedCloud {
-    SparseCloudPtr cloud;
-    uint64_t arrival = 0;
+  /// A CompanionStream.
+  struct Companions {
+    int64_t tolerance_ns = kSameExposureNs;  ///< between the stamps of what belongs together
+    bool expected = false;                   ///< somebody publishes them
+    StreamBuffer<ImageSample> buffer = {};
   };
 
   void HandleTimeJump(int64_t stamp_ns);
   void EvictOldestImage();
   void FindPoses(double now_s);
-  ReceivedPose* NearestUnusedPose(int64_t stamp_ns);
   bool PoseIsFinal(int64_t image_stamp_ns, int64_t pose_stamp_ns) const;
   void EmitReady(double now_s, bool wait);
   bool CloudIsSettled(const WaitingImage& image, double now_s) const;
@@ -140,7 +133,8 @@ class InputMatcher {
   void Emit(WaitingImage image);
   void DropUnposed(const WaitingImage& image);
   void DropWaiting(const WaitingImage& image);
-  const ReceivedPose* NearestPose(int64_t stamp_ns) const;
+  /// How far the nearest pose is from a stamp; none where no pose has come.
+  std::optional<int64_t> PoseGapOf(int64_t stamp_ns) const;
   std::string DescribeMissingPose(const WaitingImage& image) const;
 
   InputMatcherOptions options_;
@@ -149,16 +143,15 @@ class InputMatcher {
   bool clouds_expected_ = true;
   std::optional<RejectedInput> obstacle_ = RejectedInput{"no_camera_info", "no usable camera_info has been received"};
 
-  std::deque<WaitingImage> images_;          ///< ascending stamps
-  std::deque<ReceivedPose> poses_;           ///< ascending stamps
-  std::deque<ReceivedCloud> clouds_;         ///< in order of arrival
-  std::vector<CompanionImages> companions_;  ///< by CompanionStream
+  std::deque<WaitingImage> images_;  ///< ascending stamps
+  StreamBuffer<PoseSample> poses_;
+  StreamBuffer<SparseCloudPtr> clouds_;
+  std::vector<Companions> companions_;  ///< by CompanionStream
   std::vector<MatchEvent> events_;
   std::optional<int64_t> newest_image_ns_;
   std::optional<int64_t> last_match_ns_;
   std::optional<PoseGap> last_gap_;
-  TimeJumpTracker pose_runs_, cloud_runs_;
-  uint64_t arrivals_ = 0;  ///< poses, clouds, masks and depth maps received
+  uint64_t arrivals_ = 0;  ///< poses, clouds and companions received
 };
 
 }  // namespace acmp

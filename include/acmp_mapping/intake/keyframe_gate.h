@@ -12,7 +12,6 @@ struct KeyframeGateOptions {
   double min_baseline_ratio = 0.02;  ///< baseline / median scene depth, 0..10; 0.02 = 1.1 degrees of parallax
   size_t remembered = 30;            ///< keyframes that a view is compared with, > 0: as many as the window has
 };
-void Validate(const KeyframeGateOptions& options);
 
 /// Chooses keyframes among posed images for frontends that give a pose to every image.
 ///

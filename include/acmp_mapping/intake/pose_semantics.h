@@ -54,7 +54,9 @@ class PoseResolver {
   /// @param semantics with the parameter T_body_cam, if it is set
   /// @param extrinsic_inverted the topic has T_cam_body
   /// @param lookup of tf; may be empty
-  PoseResolver(const PoseSemantics& semantics, bool extrinsic_inverted, TransformLookup lookup);
+  /// @param path_child whose poses optimized_path has
+  PoseResolver(const PoseSemantics& semantics, bool extrinsic_inverted, TransformLookup lookup,
+               PoseSemantics::Child path_child = PoseSemantics::Child::kCameraOptical);
 
   /// What the topic `extrinsic` has brought.
   void SetExtrinsic(const RigidTransform& received);
@@ -63,7 +65,7 @@ class PoseResolver {
   void Update(const std::string& body_frame, const std::string& camera_frame);
 
   /// Whether poses can be resolved.
-  bool ready() const { return !needs_extrinsic() || semantics_.body_from_cam; }
+  bool ready() const { return semantics_.child != PoseSemantics::Child::kBody || semantics_.body_from_cam; }
 
   /// Why not: what was looked for and what to set.
   std::string DescribeMissing() const;
@@ -73,6 +75,8 @@ class PoseResolver {
 
   /// The semantics with the T_body_cam in use.
   const PoseSemantics& semantics() const { return semantics_; }
+  /// The child's frame of optimized_path from the camera's; none where it needs T_body_cam, which is not known.
+  std::optional<RigidTransform> PathChildFromCamera() const;
 
   /// Pose of the optical frame. Precondition: ready().
   RigidTransform WorldFromCamera(const RigidTransform& received) const {
@@ -81,10 +85,13 @@ class PoseResolver {
 
  private:
   enum class Source { kNone, kParameter, kTf, kTopic };
-  bool needs_extrinsic() const { return semantics_.child == PoseSemantics::Child::kBody; }
+  bool needs_extrinsic() const {
+    return semantics_.child == PoseSemantics::Child::kBody || path_child_ == PoseSemantics::Child::kBody;
+  }
   void Choose(Source source, const std::string& notice);
 
   PoseSemantics semantics_;
+  PoseSemantics::Child path_child_;
   bool extrinsic_inverted_;
   TransformLookup lookup_;
   Source source_ = Source::kNone;

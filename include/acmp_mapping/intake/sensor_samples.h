@@ -12,17 +12,14 @@ namespace acmp {
 
 struct EncodedImage;  // an image message, not yet decoded
 
-/// Stamps are nanoseconds: doubles cannot tell neighbouring stamps of today's clocks apart (they resolve 119 ns).
+// Stamps are nanoseconds: doubles cannot tell neighbouring stamps of today's clocks apart (they resolve 119 ns).
+
+/// An image, or what belongs to one and is one itself, as it came: a mask (0 = ignore the image's pixel), depth from
+/// outside, the image of another camera.
 struct ImageSample {
   int64_t stamp_ns = 0;
   std::shared_ptr<const EncodedImage> image;
   double arrival_s = 0;  ///< steady clock
-};
-
-/// What belongs to an image and is one itself, as it came: a mask (0 = ignore the image's pixel) or depth from outside.
-struct CompanionSample {
-  int64_t stamp_ns = 0;  ///< of the image that it belongs to
-  std::shared_ptr<const EncodedImage> image;
 };
 
 /// A pose as its source gave it; what it means PoseResolver knows.
@@ -46,8 +43,8 @@ using SparseCloudPtr = std::shared_ptr<const SparseCloud>;
 /// "1403636579.763555500", exact.
 std::string FormatStamp(int64_t stamp_ns);
 
-/// Something that was received and not used. `reason` is a short fixed key for counting, `message` a sentence with the
-/// values for people.
+/// Something that a user should know: what was received and not used, or not as a whole. `reason` is a short fixed key
+/// for counting, `message` a sentence with the values for people.
 struct RejectedInput {
   std::string reason;
   std::string message;

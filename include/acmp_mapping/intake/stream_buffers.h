@@ -5,10 +5,8 @@
 #include <cstdint>
 #include <cstdlib>
 #include <deque>
-#include <memory>
 #include <optional>
-
-#include "acmp_mapping/intake/sensor_samples.h"
+#include <utility>
 
 namespace acmp {
 
@@ -48,55 +46,51 @@ class TimeJumpTracker {
 constexpr int64_t kSameExposureNs = 1000000;  ///< rounding of stamps stays far below, the shortest frame interval above
 constexpr size_t kMoreThanImages = 10;        ///< clouds, masks, depth: those of images that are still to come
 
-/// Distance of a received pose, mask or depth map from a stamp.
-template <class Received>
-int64_t Gap(const Received& received, int64_t stamp_ns) {
-  return std::llabs(received.sample.stamp_ns - stamp_ns);
-}
-
-/// Leaves what belongs to the run whose first image has this stamp.
-template <class Received>
-void KeepNewRun(int64_t first_image_ns, TimeJumpTracker* runs, std::deque<Received>* buffer) {
-  const std::optional<uint64_t> first = runs->StartRun(first_image_ns);
-  const auto is_old = [&first](const Received& received) { return !first || received.arrival < *first; };
-  buffer->erase(std::remove_if(buffer->begin(), buffer->end(), is_old), buffer->end());
-}
-
-/// A stream of what belongs to the images of the same stamps, rounding aside: masks, depth from outside, or what
-/// another camera has taken at the same time.
-class CompanionImages {
- public:
-  /// @param tolerance_ns between the stamps of what belongs together
-  explicit CompanionImages(int64_t tolerance_ns = kSameExposureNs) : tolerance_ns_(tolerance_ns) {}
-
-  /// Whether anybody publishes them; if not, no image waits. False at first.
-  void set_expected(bool expected) { expected_ = expected; }
-  bool expected() const { return expected_; }
-
-  /// @param arrival position among all that InputMatcher has received
-  /// @param capacity of those that came first, more are forgotten
-  void Add(CompanionSample sample, uint64_t arrival, size_t capacity);
-
-  /// Whether an image needs to wait no longer: its own has come, or one of a later image.
-  /// @param is_first of its run: what came late of the run before tells nothing of it
-  bool IsSettled(int64_t stamp_ns, bool is_first) const;
-  /// That of the image with this stamp; null: none has come.
-  std::shared_ptr<const EncodedImage> Find(int64_t stamp_ns) const;
-
-  /// Leaves what belongs to the run whose first image has this stamp.
-  void StartRun(int64_t first_image_ns);
-  void Clear();
-
- private:
+/// What has come of one stream, in order of arrival: poses, clouds, masks, images of other cameras.
+template <class Sample>
+struct StreamBuffer {
   struct Received {
-    CompanionSample sample;
-    uint64_t arrival = 0;
+    int64_t stamp_ns;
+    Sample sample;
+    uint64_t arrival;   ///< position among all that InputMatcher has received
+    bool used = false;  ///< a pose belongs to one image
   };
 
-  int64_t tolerance_ns_;
-  bool expected_ = false;
-  std::deque<Received> received_;  ///< in order of arrival
-  TimeJumpTracker runs_;
+  /// @param capacity of those that came first, more are forgotten
+  void Add(int64_t stamp_ns, Sample sample, uint64_t arrival, size_t capacity) {
+    if (runs.Add(stamp_ns, arrival)) received.clear();
+    received.push_back({stamp_ns, std::move(sample), arrival});
+    if (received.size() > capacity) received.pop_front();
+  }
+
+  /// Whether one of these stamps or a later one has come.
+  /// @param latest_ns holds for the first image of a run: what came late of the run before tells nothing of it
+  bool HasComeFrom(int64_t earliest_ns, int64_t latest_ns, bool is_first) const {
+    if (!(is_first && runs.is_behind())) latest_ns = INT64_MAX;
+    return std::any_of(received.begin(), received.end(),
+                       [&](const Received& r) { return r.stamp_ns >= earliest_ns && r.stamp_ns <= latest_ns; });
+  }
+
+  /// Leaves what belongs to the run whose first image has this stamp.
+  void StartRun(int64_t first_image_ns) {
+    const std::optional<uint64_t> first = runs.StartRun(first_image_ns);
+    const auto is_old = [&first](const Received& r) { return !first || r.arrival < *first; };
+    received.erase(std::remove_if(received.begin(), received.end(), is_old), received.end());
+  }
+
+  std::deque<Received> received;
+  TimeJumpTracker runs;
 };
+
+/// The received one whose stamp is nearest, of all or of those that are not used; null: none.
+template <class Received>
+auto Nearest(Received& received, int64_t stamp_ns, bool unused = false) -> decltype(&received.front()) {
+  decltype(&received.front()) nearest = nullptr;
+  const auto gap = [&](const auto& r) { return std::llabs(r.stamp_ns - stamp_ns); };
+  for (auto& one : received) {
+    if (!(unused && one.used) && (!nearest || gap(one) < gap(*nearest))) nearest = &one;
+  }
+  return nearest;
+}
 
 }  // namespace acmp

@@ -38,39 +38,6 @@ void CallGuarded(const Function& function, const FailureReport& report) {
   }
 }
 
-/// Has a function called when all callbacks that were queued before have returned; another thread calls them, one at a
-/// time. What it throws, the future has: std::future_error when the queue was disabled or cleared first.
-inline std::future<void> QueueCallback(ros::CallbackQueue* queue, std::function<void()> function) {
-  struct Callback : ros::CallbackInterface {
-    std::packaged_task<void()> task;
-    CallResult call() override {
-      task();
-      return Success;
-    }
-  };
-  auto callback = boost::make_shared<Callback>();
-  callback->task = std::packaged_task<void()>(std::move(function));
-  std::future<void> returned = callback->task.get_future();
-  queue->addCallback(callback);
-  return returned;  // the queue alone owns the callback: if it is cleared, the promise breaks
-}
-
-/// QueueCallback, and waits for it. What it throws is thrown here. False, and it is not called, when the queue was
-/// disabled or cleared first.
-inline bool CallAmongCallbacks(ros::CallbackQueue* queue, std::function<void()> function) {
-  try {
-    QueueCallback(queue, std::move(function)).get();
-    return true;
-  } catch (const std::future_error&) {
-    return false;
-  }
-}
-
-/// Waits until all callbacks that were queued before have returned. False when the queue was disabled or cleared first.
-inline bool DrainCallbacks(ros::CallbackQueue* queue) {
-  return CallAmongCallbacks(queue, [] {});
-}
-
 /// A callback queue whose callbacks are guarded, see CallGuarded.
 class GuardedQueue : public ros::CallbackQueue {
  public:
@@ -79,6 +46,27 @@ class GuardedQueue : public ros::CallbackQueue {
 
   void addCallback(const ros::CallbackInterfacePtr& callback, uint64_t owner) override {
     CallbackQueue::addCallback(boost::make_shared<Guarded>(callback, &report_), owner);
+  }
+
+  /// Has a function called when all callbacks that were queued before have returned. What it throws, the future has:
+  /// std::future_error when the queue was disabled or cleared first.
+  std::future<void> Queue(std::function<void()> function) {
+    auto callback = boost::make_shared<Task>();
+    callback->task = std::packaged_task<void()>(std::move(function));
+    std::future<void> returned = callback->task.get_future();
+    addCallback(callback, 0);
+    return returned;  // the queue alone owns the callback: if it is cleared, the promise breaks
+  }
+
+  /// The same, and waits for it in another thread than that which calls. What it throws is thrown here. False, and it
+  /// is not called, when the queue was disabled or cleared first.
+  bool Call(std::function<void()> function) {
+    try {
+      Queue(std::move(function)).get();
+      return true;
+    } catch (const std::future_error&) {
+      return false;
+    }
   }
 
  private:
@@ -93,6 +81,13 @@ class GuardedQueue : public ros::CallbackQueue {
     bool ready() override { return callback->ready(); }
     const ros::CallbackInterfacePtr callback;
     const FailureReport* const report;
+  };
+  struct Task : ros::CallbackInterface {
+    std::packaged_task<void()> task;
+    CallResult call() override {
+      task();
+      return Success;
+    }
   };
 
   const FailureReport report_;
@@ -126,10 +121,10 @@ class CallbackThread {
 
   /// Has a function called in this object's thread, after what was queued before, and does not wait for it.
   void Queue(std::function<void()> function) {
-    QueueCallback(&queue_, [this, function = std::move(function)] { CallGuarded(function, report_); });
+    queue_.Queue([this, function = std::move(function)] { CallGuarded(function, report_); });
   }
 
-  /// Waits for the callback that runs, if any; none runs afterwards, and nobody waits in Drain. What is attached must
+  /// Waits for the callback that runs, if any; none runs afterwards, and nobody waits in Call. What is attached must
   /// be gone before this object.
   void Stop() {
     spinner_.stop();
@@ -137,10 +132,12 @@ class CallbackThread {
     queue_.clear();
   }
 
+  /// See GuardedQueue. False: Stop was called.
+  bool Call(std::function<void()> function) { return queue_.Call(std::move(function)); }
   /// Waits in another thread until all callbacks that were queued before have returned. False: Stop was called.
-  bool Drain() { return DrainCallbacks(&queue_); }
-  /// Calls a function in this object's thread, see CallAmongCallbacks. False: Stop was called.
-  bool Call(std::function<void()> function) { return CallAmongCallbacks(&queue_, std::move(function)); }
+  bool Drain() {
+    return Call([] {});
+  }
 
  private:
   const FailureReport report_;

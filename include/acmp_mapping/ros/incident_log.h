@@ -16,12 +16,6 @@ std::string Printable(const std::string& text);
 /// Seconds of a clock that never goes back, whatever ROS time does.
 double SteadySeconds();
 
-/// Something that a user should know. `reason` is a short fixed key for counting, `message` a sentence with the values.
-struct Incident {
-  std::string reason;
-  std::string message;
-};
-
 /// Counts incidents, by reason, and says when it is time to tell: at once for a new reason, then at most every
 /// kRepeatS, so that a fault at 30 Hz does not flood the log. Thread-safe; its mutex is held for a moment only.
 class IncidentLog {
@@ -36,7 +30,6 @@ class IncidentLog {
   };
 
   /// True when the message should go to the log now. `now_s` is any clock that never goes back.
-  bool Record(const Incident& incident, double now_s);
   bool Record(const RejectedInput& rejected, double now_s);
 
   std::map<std::string, Entry> entries() const;

@@ -2,6 +2,7 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
@@ -65,9 +66,15 @@ void CheckImageSides(const std::string& name, const sensor_msgs::Image& image);
 
 bool IsBigEndianHost();
 
-/// Distortion models of CameraInfo for which ROS has no name.
-constexpr char kUnifiedModel[] = "mei", kExtendedUnifiedModel[] = "eucm", kDoubleSphereModel[] = "double_sphere",
-               kEquirectangularModel[] = "equirectangular";
+/// A distortion model of CameraInfo.
+struct DistortionModel {
+  LensDistortion::Model model;
+  const char* name;                ///< ROS's, or where it has none, ours
+  size_t least, most;              ///< coefficients
+  std::vector<const char*> names;  ///< that others give it, in small letters and digits alone
+};
+/// That of images without distortion is plumb_bob.
+const DistortionModel& DistortionModelOf(LensDistortion::Model model);
 
 /// What a camera_info says about the image as it is sent.
 struct CameraCalibration {
@@ -89,13 +96,13 @@ bool operator==(const CameraCalibration& a, const CameraCalibration& b);
 sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path, bool rectified = false);
 
 /// The mask of an image. Throws InvalidInputError for an encoding other than mono8, or too few bytes.
-CompanionSample ToMaskSample(const sensor_msgs::ImageConstPtr& message);
+ImageSample ToMaskSample(const sensor_msgs::ImageConstPtr& message);
 /// What it says of the image's pixels. Throws InvalidInputError where it has another size than the camera's images.
 Mask DecodeMask(const EncodedImage& mask, const PinholeCamera& camera);
 
 /// Depth from outside of an image, at any size. Throws InvalidInputError for an encoding other than 32FC1 (z in the
 /// world's unit) and 16UC1 or mono16 (thousandths), for a side of 0 or more than 32767 px, and for too few bytes.
-CompanionSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message);
+ImageSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message);
 /// z at its own size; 0 where it is not positive and finite. Throws InvalidInputError where no pixel has a depth.
 DepthMap DecodePriorDepth(const EncodedImage& depth);
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <functional>
 #include <map>
 #include <memory>
@@ -8,6 +9,7 @@
 
 #include <ros/node_handle.h>
 
+#include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/options.h"
 
@@ -41,15 +43,21 @@ struct InputStatus {
   bool is_wanted() const { return required || kind == Kind::kSourceImage || kind == Kind::kSourceInfo; }
 };
 
+/// "/camera/image" of "/camera/image/compressed".
+std::string WithoutCompressed(const std::string& topic);
+
 /// Adds advice to the inputs on which nothing has come.
 /// @param published types by name, of all topics that somebody publishes
 void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs);
 
 /// A subscription, whose status may be asked for in any thread.
-class InputSource {
- public:
-  virtual ~InputSource() = default;
-  virtual InputStatus status() const = 0;
+struct InputSource {
+  InputStatus status() const;
+
+  InputStatus fixed;  ///< what of the status does not change
+  std::atomic<uint64_t> received{0};
+  std::atomic<double> last_received_s{SteadySeconds()};
+  ros::Subscriber subscriber;  ///< last: its callback uses what is above
 };
 
 /// Where the samples go that are made of messages.

@@ -87,22 +87,16 @@ class KeyframeIntake {
   /// Throws InvalidInputError for a camera that cannot be used; images then wait for a better one.
   void AddCameraInfo(const sensor_msgs::CameraInfo& info);
   void AddPose(PoseSample pose);
-  void SetExtrinsic(const RigidTransform& received);
+  void SetExtrinsic(const RigidTransform& received) { resolver_.SetExtrinsic(received); }
   /// All of a keyframe at once; see AddCameraInfo. Throws InvalidInputError if any part cannot be used.
   void AddKeyframe(const acmp_mapping::KeyframeConstPtr& keyframe, double arrival_s = 0);
   void AddCloud(SparseCloudPtr cloud) { matcher_.AddCloud(std::move(cloud)); }
-  void AddMask(CompanionSample mask) { matcher_.AddCompanion(kMaskStream, std::move(mask)); }
-  void AddPriorDepth(CompanionSample depth) { matcher_.AddCompanion(kPriorDepthStream, std::move(depth)); }
-  /// @param camera from 0, below ~source_cameras
-  void AddSourceImage(size_t camera, std::shared_ptr<const EncodedImage> image);
+  void AddCompanion(size_t stream, ImageSample sample) { matcher_.AddCompanion(stream, std::move(sample)); }
   /// Throws InvalidInputError for a camera that cannot be used; its images are then not used.
+  /// @param camera from 0, below ~source_cameras
   void AddSourceCameraInfo(size_t camera, const sensor_msgs::CameraInfo& info) { sources_.AddCameraInfo(camera, info); }
-  void set_source_expected(size_t camera, bool expected) {
-    matcher_.set_companion_expected(kSourceStream + camera, expected);
-  }
   void set_clouds_expected(bool expected) { matcher_.set_clouds_expected(expected); }
-  void set_masks_expected(bool expected) { matcher_.set_companion_expected(kMaskStream, expected); }
-  void set_prior_depth_expected(bool expected) { matcher_.set_companion_expected(kPriorDepthStream, expected); }
+  void set_companion_expected(size_t stream, bool expected) { matcher_.set_companion_expected(stream, expected); }
   void set_gate(const KeyframeGateOptions& gate, double fallback_depth);
 
   /// What has happened since the last call, in order; see InputMatcher.
@@ -156,7 +150,7 @@ class KeyframeIntake {
   TransformSource transforms_;
   InputMatcher matcher_;
   SourceCameras sources_;
-  PoseResolver resolver_, path_resolver_;
+  PoseResolver resolver_;
   ConventionCheck convention_check_;
   KeyframeGate gate_;
   WorldTracker world_;

@@ -75,8 +75,8 @@ struct OutputStatus {
   void CountRefined(const KeyframeDepth& maps, bool counts = true);
   /// Of a refined keyframe.
   void CountPoints(const KeyframeOutput& output);
-  /// Of the run of keyframes without points, whose last one is of this image; empty: not long enough.
-  std::string DescribeRunWithoutPoints(int64_t stamp_ns) const;
+  /// Of the run of keyframes without points; empty: not long enough.
+  std::string DescribeRunWithoutPoints() const;
 };
 
 }  // namespace acmp

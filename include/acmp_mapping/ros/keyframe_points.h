@@ -12,7 +12,6 @@
 #include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/map/loop_correction.h"
 #include "acmp_mapping/map/map_store.h"
-#include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/keyframe_outputs.h"
 
 /// The messages that the map takes: of mappers, and of loop closures. No master is needed.
@@ -53,12 +52,12 @@ struct OptimizedPath {
 /// @param path_frame frame_id that the poses should have, without leading slash; empty = any
 /// @param on_bad_pose told of every pose that is not finite or whose quaternion is off unit length by more than 1e-3
 OptimizedPath ToOptimizedPath(const nav_msgs::Path& message, const std::string& path_frame,
-                              const std::function<void(const Incident&)>& on_bad_pose);
+                              const std::function<void(const RejectedInput&)>& on_bad_pose);
 
 /// What a user should know of a path that was used; `message` is empty when all is well.
-Incident DescribeDoubt(const OptimizedPath& path, const ReposeResult& result, const std::string& path_frame);
+RejectedInput DescribeDoubt(const OptimizedPath& path, const ReposeResult& result, const std::string& path_frame);
 
 /// What of a path was refused because it lies too far away; `message` is empty when nothing was.
-Incident DescribeTooFar(const ReposeResult& result);
+RejectedInput DescribeTooFar(const ReposeResult& result);
 
 }  // namespace acmp

@@ -62,7 +62,7 @@ class MapOutput {
   /// @param map outlives this
   /// @param report told why a topic is not published, and what is less than it should be; any thread
   MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options,
-            std::function<void(const Incident&)> report);
+            std::function<void(const RejectedInput&)> report);
 
   /// Any thread: soon ends what takes long. Nothing is published or saved afterwards.
   void Stop() { stopping_ = true; }
@@ -106,11 +106,10 @@ class MapOutput {
 
   const MapStore* const map_;
   const MapServerOptions options_;
-  const std::function<void(const Incident&)> report_;
+  const std::function<void(const RejectedInput&)> report_;
   std::atomic<bool> stopping_{false};
-  std::mutex header_mutex_;  ///< guards the next two
-  std::string world_frame_;
-  int64_t stamp_ns_ = 0;
+  std::mutex header_mutex_;
+  std_msgs::Header header_;           ///< guarded by it
   std::mutex publish_mutex_;          ///< held while a message is handed to roscpp
   std::atomic<uint64_t> emptied_{0};  ///< how often; changes with publish_mutex_ held
   PublishPace points_pace_, occupancy_pace_;

@@ -51,19 +51,15 @@ class NodeletBase : public nodelet::Nodelet {
   void AddTrigger(CallbackThread* thread, const char* name, const std::function<std::string()>& handler) {
     AddService<std_srvs::Trigger>(thread, name, [=](const auto&, auto* response) { response->message = handler(); });
   }
-  /// Counts an Incident or RejectedInput, and warns when it is time to.
-  template <class Happening>
-  void Report(Happening happening) {
-    happening.message = Printable(happening.message);
-    if (incidents_.Record(happening, SteadySeconds())) {
-      NODELET_WARN("%s: %s", happening.reason.c_str(), happening.message.c_str());
-    }
-  }
+  /// Counts it, and warns when it is time to.
+  void Report(RejectedInput rejected);
   /// To be called by the destructor: afterwards no callback runs, and nobody waits for one.
   void StopThreads();
 
   IncidentLog incidents_;
-  const FailureReport report_failure_ = [this](const std::string& text) { Report(Incident{"callback_failed", text}); };
+  const FailureReport report_failure_ = [this](const std::string& text) {
+    Report(RejectedInput{"callback_failed", text});
+  };
 
   // Before all others: what is attached to them goes before they do.
   CallbackThread input_thread_{report_failure_};

@@ -105,8 +105,8 @@ std::string UsedPreset(const NodeOptions& options, bool on_cpu);
 /// Whether T_body_cam is needed and not a parameter: then it is looked up in tf and awaited on the topic extrinsic.
 bool NeedsExtrinsic(const NodeOptions& options);
 
-/// What the poses of optimized_path mean.
-PoseSemantics PathSemantics(const NodeOptions& options);
+/// Whose poses optimized_path has.
+PoseSemantics::Child PathChild(const NodeOptions& options);
 
 /// What decides the maps. Some of it may change while the nodelet runs (dynamic_reconfigure): the worker takes one copy
 /// per keyframe.

@@ -82,9 +82,9 @@ class OutputPublisher {
   using MakeImage = std::function<sensor_msgs::ImagePtr(const KeyframeOutput&)>;
   /// The image topics of a face; those of the one that looks ahead have no prefix.
   struct ImageTopics {
-    image_transport::CameraPublisher depth_fast, depth, color;
-    ros::Publisher depth_millimetres;
-    std::vector<std::pair<image_transport::Publisher, MakeImage>> others;
+    image_transport::CameraPublisher depth_fast;
+    std::vector<std::function<void(const KeyframeOutput&)>>
+        publish_refined;  ///< one for each topic, if anybody listens
   };
   /// Advertises them when a face is first seen, and says in tf where it looks.
   ImageTopics& TopicsOf(const KeyframeOrigin& origin);

@@ -1,19 +1,20 @@
 #pragma once
 
 #include <functional>
-#include <optional>
 #include <string>
-#include <variant>
 
 #include <ros/subscriber.h>
+#include <tf2/buffer_core.h>
 #include <tf2_msgs/TFMessage.h>
-#include <tf2_ros/buffer.h>
 
-#include "acmp_mapping/intake/sensor_samples.h"
+#include "acmp_mapping/ros/keyframe_intake.h"
 
 namespace acmp {
 
-/// Transforms of /tf and /tf_static. Never waits. Thread-safe.
+/// Looks up in a buffer, which must outlive it: poses between the two transforms around their stamps. Never waits.
+TransformSource TransformsOf(const tf2::BufferCore* buffer);
+
+/// Transforms of /tf and /tf_static. Thread-safe.
 class TfLookup {
  public:
   /// Listens in the node handle's callback queue.
@@ -21,11 +22,7 @@ class TfLookup {
   /// @param report told of transforms that cannot be used
   TfLookup(ros::NodeHandle nh, bool only_static, std::function<void(const std::string&)> report);
 
-  /// Pose of `child` in `world` at a stamp, between the two transforms around it; or why there is none (yet).
-  std::variant<PoseSample, std::string> FindPose(const std::string& world, const std::string& child, int64_t stamp_ns);
-
-  /// The newest pose of `source` in `target`; none while they are not connected.
-  std::optional<RigidTransform> FindLatest(const std::string& target, const std::string& source);
+  TransformSource transforms() const { return TransformsOf(&buffer_); }
 
   /// Forgets all but static transforms: those of another run would be taken for newer ones.
   void Clear() { buffer_.clear(); }
@@ -35,7 +32,7 @@ class TfLookup {
   void Receive(const tf2_msgs::TFMessage& message, bool is_static);
 
   const std::function<void(const std::string&)> report_;
-  tf2_ros::Buffer buffer_;
+  tf2::BufferCore buffer_;
   ros::Time last_received_;
   ros::Subscriber transforms_, static_transforms_;
 };

@@ -4,7 +4,7 @@
 namespace acmp::names {
 
 constexpr char kImage[] = "image";
-constexpr char kCompressedSuffix[] = "compressed";
+constexpr char kCompressed[] = "/compressed";  ///< after the name of an image's topic
 constexpr char kCameraInfo[] = "camera_info";
 constexpr char kPose[] = "pose";
 constexpr char kPoseWithCovariance[] = "pose_cov";
@@ -19,17 +19,9 @@ constexpr char kKeyframe[] = "keyframe";
 constexpr char kMask[] = "mask";
 constexpr char kPriorDepth[] = "prior_depth";
 // Of the first source camera and of the others.
-constexpr char kSourceImage[] = "source_image";
-constexpr char kSourceImage2[] = "source_image_2";
-constexpr char kSourceImage3[] = "source_image_3";
-constexpr char kSourceImage4[] = "source_image_4";
-constexpr char kSourceCameraInfo[] = "source_camera_info";
-constexpr char kSourceCameraInfo2[] = "source_camera_info_2";
-constexpr char kSourceCameraInfo3[] = "source_camera_info_3";
-constexpr char kSourceCameraInfo4[] = "source_camera_info_4";
-constexpr const char* kSourceImages[] = {kSourceImage, kSourceImage2, kSourceImage3, kSourceImage4};
-constexpr const char* kSourceCameraInfos[] = {kSourceCameraInfo, kSourceCameraInfo2, kSourceCameraInfo3,
-                                              kSourceCameraInfo4};
+constexpr const char* kSourceImages[] = {"source_image", "source_image_2", "source_image_3", "source_image_4"};
+constexpr const char* kSourceCameraInfos[] = {"source_camera_info", "source_camera_info_2", "source_camera_info_3",
+                                              "source_camera_info_4"};
 constexpr char kOptimizedPath[] = "optimized_path";
 
 constexpr char kFacePrefix[] = "face_";  ///< of the image topics of a wide image's faces: face_left/depth/...

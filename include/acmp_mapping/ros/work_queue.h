@@ -28,7 +28,7 @@ struct Overtaken {
   Input input;
 };
 
-/// Hands inputs and commands to one worker thread in the order given, urgent commands before all others. Inputs are
+/// Hands inputs and commands to one worker thread in the order given, urgent commands before all else. Inputs are
 /// bounded by the policy, commands never wait for room and are never dropped. Thread-safe; all methods hold the one
 /// mutex for a moment only, and no callback runs inside.
 template <class Input, class Command>
@@ -60,8 +60,15 @@ class WorkQueue {
   }
 
   /// False when the queue was stopped: the command will not run.
-  bool PushCommand(Command command) { return PushCommandTo(&items_, std::move(command)); }
-  bool PushUrgent(Command command) { return PushCommandTo(&urgent_, std::move(command)); }
+  bool PushCommand(Command command, bool urgent = false) {
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      if (stopped_) return false;
+      items_.emplace(urgent ? items_.begin() : items_.end(), std::in_place_index<1>, std::move(command));
+    }
+    work_.notify_one();
+    return true;
+  }
 
   /// Takes out all waiting inputs, those that were overtaken too; commands stay.
   std::deque<Input> ClearInputs() {
@@ -88,11 +95,10 @@ class WorkQueue {
     std::optional<Item> item;
     std::unique_lock<std::mutex> lock(mutex_);
     working_ = false;
-    work_.wait(lock, [&] { return stopped_ || !urgent_.empty() || !items_.empty(); });
+    work_.wait(lock, [&] { return stopped_ || !items_.empty(); });
     if (stopped_) return item;
-    std::deque<Item>& lane = urgent_.empty() ? items_ : urgent_;
-    item = std::move(lane.front());
-    lane.pop_front();
+    item = std::move(items_.front());
+    items_.pop_front();
     if (item->index() == 0) --inputs_;
     if (item->index() == 2) --overtaken_;
     working_ = true;
@@ -103,12 +109,11 @@ class WorkQueue {
 
   /// Wakes everybody who waits and throws away what is queued; from now on nothing is taken or given out.
   void Stop() {
-    std::deque<Item> discarded, urgent_discarded;  // destroyed without the lock: commands may own anything
+    std::deque<Item> discarded;  // destroyed without the lock: commands may own anything
     {
       std::lock_guard<std::mutex> lock(mutex_);
       stopped_ = true;
       discarded.swap(items_);
-      urgent_discarded.swap(urgent_);
       inputs_ = overtaken_ = 0;
     }
     work_.notify_all();
@@ -121,16 +126,6 @@ class WorkQueue {
   }
 
  private:
-  bool PushCommandTo(std::deque<Item>* lane, Command command) {
-    {
-      std::lock_guard<std::mutex> lock(mutex_);
-      if (stopped_) return false;
-      lane->emplace_back(std::in_place_index<1>, std::move(command));
-    }
-    work_.notify_one();
-    return true;
-  }
-
   /// Whether a new input is worked on; not asked with kBlock.
   bool HasTime() {
     if (policy_ == OverloadPolicy::kSkipIfBusy) return inputs_ == 0 && !working_;
@@ -151,7 +146,6 @@ class WorkQueue {
   std::condition_variable work_;
   std::condition_variable room_;
   std::deque<Item> items_;
-  std::deque<Item> urgent_;
   size_t inputs_ = 0;     ///< that wait, without the overtaken ones
   size_t overtaken_ = 0;  ///< that wait
   size_t group_ = 0;      ///< inputs that came since none waited
