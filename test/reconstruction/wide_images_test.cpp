@@ -15,7 +15,7 @@
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "reconstruction/run_fixture.h"
-#include "support/solid_angle.h"
+#include "support/lens.h"
 
 namespace acmp {
 namespace {
