@@ -246,7 +246,7 @@ def main():
     parser.add_argument("faults", nargs="*", metavar="FAULT", help="one of " + ", ".join(FAULTS))
     parser.add_argument("--runs", type=int, default=5, help="of each kill -9")
     parser.add_argument("--seconds", type=float, default=30, help="of each wild one")
-    parser.add_argument("--minutes", type=float, default=60, help="of soak; at least 2")
+    parser.add_argument("--minutes", type=float, default=60, help="of soak; in less than 10 threads may still be starting")
     options = parser.parse_args()
     unknown = set(options.faults).difference(FAULTS)
     if unknown:
