@@ -20,7 +20,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import CameraInfo
 
-import soak
+import nodelet_session
 from nodelet_session import start_master, wait_for
 
 COUNTS = ("keyframes", "fast depth maps", "refined depth maps", "withdrawn from the map, since poses contradict the images")
@@ -96,7 +96,7 @@ def measure(arguments, log, bag, preset, cameras, rate):
     before_mib, mappers, samples = gpu_mib(), [], []
 
     def sample():
-        of_managers = [soak.sample(mapper.pid) for mapper in mappers]
+        of_managers = [nodelet_session.sample(mapper.pid) for mapper in mappers]
         samples.append((gpu_mib() - before_mib, sum(row[0] for row in of_managers), sum(row[2] for row in of_managers)))
 
     def some(values, shares):

@@ -27,11 +27,15 @@ import PIL.Image
 import yaml
 
 DEPTH_KINDS, MASK_KINDS = ("depth", "inverse_depth"), ("probability", "classes")
-# Key: type, whether it has to be there.
-KEYS = {"file": (str, True), "source": (str, False), "licence": (str, False), "input": (str, False),
-        "output": (str, False), "kind": (str, True), "size": (list, False), "longer_side": (int, False),
-        "multiple_of": (int, False), "color_order": (str, False), "pixel_max": (float, False), "mean": (list, False),
-        "std": (list, False), "threshold": (float, False), "ignore": (list, False), "grow": (int, False)}
+# Key: what it is if it is not there (REQUIRED: it must be), its type, and what it may be: the words of a text, least and
+# most of a number, or of a list how many numbers it has (None: some), of which type, least and most.
+REQUIRED = object()
+KEYS = {"file": (REQUIRED, str), "source": (None, str), "licence": (None, str), "input": (None, str),
+        "output": (None, str), "kind": (REQUIRED, str, *DEPTH_KINDS, *MASK_KINDS), "size": (None, list, 2, int, 2, 4096),
+        "longer_side": (None, int, 32, 4096), "multiple_of": (None, int, 1, 512),
+        "color_order": ("rgb", str, "rgb", "bgr"), "pixel_max": (1, float, 1e-9, 1e9),
+        "mean": ([0, 0, 0], list, 3, float, -1e9, 1e9), "std": ([1, 1, 1], list, 3, float, 1e-9, 1e9),
+        "threshold": (None, float, -math.inf, math.inf), "ignore": (None, list, None, int, 0, 65535), "grow": (0, int, 0, 100)}
 DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 BILINEAR, NEAREST = PIL.Image.BILINEAR, PIL.Image.NEAREST
 # Of image encodings, without their number of bits.
@@ -43,6 +47,12 @@ ALIASES = {"8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8", "uyvy": "yuv4228", 
 
 class Refused(Exception):
     """A file, a network or an image that cannot be used; the text says why."""
+
+
+def is_a(value, kind):
+    if kind is float:
+        return is_a(value, int) or isinstance(value, float) and math.isfinite(value)
+    return isinstance(value, kind) and not isinstance(value, bool)
 
 
 class Description:
@@ -58,64 +68,44 @@ class Description:
             raise Refused("%s: must have keys and values" % path)
         self.path = path
         for name, value in content.items():
-            self.check_type(name, value)
-        for name, (_, required) in KEYS.items():
-            if required and name not in content:
+            self.check(name, value)
+        for name, (default, *_) in KEYS.items():
+            if default is REQUIRED and name not in content:
                 self.refuse(name, "missing")
-            setattr(self, name, content.get(name))
-        self.check_values()
+            setattr(self, name, content.get(name, default))
+        self.check_together()
         self.file = os.path.join(os.path.dirname(os.path.abspath(path)), os.path.expanduser(self.file))
         self.is_depth = self.kind in DEPTH_KINDS
 
     def refuse(self, name, why):
         raise Refused("%s: %s: %s" % (self.path, name, why))
 
-    def check_type(self, name, value):
+    def check(self, name, value):
         if name not in KEYS:
             near = difflib.get_close_matches(str(name), KEYS, 1)
             self.refuse(name, "is not known" + (": %s?" % near[0] if near else "; known are " + ", ".join(KEYS)))
-        kind = KEYS[name][0]
-        number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-        if not (number if kind is float else isinstance(value, kind) and not isinstance(value, bool)):
+        _, kind, *allowed = KEYS[name]
+        if not is_a(value, kind):
             names = {str: "text", int: "a whole number", float: "a number", list: "a list"}
             self.refuse(name, "%r: must be %s" % (value, names[kind]))
+        if kind is str and allowed and value not in allowed:
+            self.refuse(name, "%r: must be one of %s" % (value, ", ".join(allowed)))
+        if kind in (int, float) and not allowed[0] <= value <= allowed[1]:
+            self.refuse(name, "%g: must be between %g and %g" % (value, *allowed))
+        if kind is list:
+            count, item, least, most = allowed
+            if not value or count not in (None, len(value)) or not all(is_a(v, item) and least <= v <= most for v in value):
+                self.refuse(name, "%r: must be %s%s numbers between %g and %g" % (
+                    value, "some" if count is None else count, " whole" if item is int else "", least, most))
 
-    def check_choice(self, name, choices):
-        if getattr(self, name) not in choices:
-            self.refuse(name, "%r: must be one of %s" % (getattr(self, name), ", ".join(choices)))
-
-    def check_numbers(self, name, count, kind, least, most):
-        values = getattr(self, name)
-        if not values or count not in (None, len(values)) or any(
-                isinstance(value, bool) or not isinstance(value, kind) or not least <= value <= most for value in values):
-            self.refuse(name, "%r: must be %s%s numbers between %g and %g" % (
-                values, "some" if count is None else count, " whole" if kind is int else "", least, most))
-
-    def check_values(self):
-        self.check_choice("kind", DEPTH_KINDS + MASK_KINDS)
-        self.color_order = self.color_order or "rgb"
-        self.check_choice("color_order", ("rgb", "bgr"))
-        self.mean, self.std = self.mean or [0, 0, 0], self.std or [1, 1, 1]
-        self.check_numbers("mean", 3, (int, float), -1e9, 1e9)
-        self.check_numbers("std", 3, (int, float), 1e-9, 1e9)
-        self.pixel_max = 1 if self.pixel_max is None else self.pixel_max
-        self.grow = self.grow or 0
-        for name, least, most in (("pixel_max", 1e-9, 1e9), ("grow", 0, 100), ("longer_side", 32, 4096),
-                                  ("multiple_of", 1, 512)):
-            value = getattr(self, name)
-            if value is not None and not least <= value <= most:
-                self.refuse(name, "%g: must be between %g and %g" % (value, least, most))
+    def check_together(self):
         if (self.size is None) == (self.longer_side is None):
             self.refuse("size", "must be there, or longer_side (with multiple_of) in its place")
         if self.multiple_of is not None and self.longer_side is None:
             self.refuse("multiple_of", "is for longer_side")
-        if self.size is not None:
-            self.check_numbers("size", 2, int, 2, 4096)
         for kind, name in (("probability", "threshold"), ("classes", "ignore")):
             if (self.kind == kind) != (getattr(self, name) is not None):
                 self.refuse(name, "must be there if kind is %s, and only then" % kind)
-        if self.ignore is not None:
-            self.check_numbers("ignore", None, int, 0, 65535)
         if self.grow and self.kind in DEPTH_KINDS:
             self.refuse("grow", "is for masks")
 

@@ -1,6 +1,7 @@
 """A nodelet manager with mapper and map under a ROS master of its own, for scripts and tests that put it to the test."""
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -51,10 +52,17 @@ def save_session(path):
     return call("/map_server/save_session", f"{{path: {path}}}")
 
 
-def make_bag(build, path, width=64, height=48):
-    subprocess.run([build / "devel/lib/acmp_mapping/acmp_make_bag", "--synthetic", path, "--width", str(width),
-                    "--height", str(height)], check=True, stdout=subprocess.DEVNULL)
+def make_bag(path):
+    subprocess.run(["acmp_make_bag", "--synthetic", path, "--width", "64", "--height", "48"], check=True,
+                   stdout=subprocess.DEVNULL)
     return path
+
+
+def sample(pid):
+    """Memory [MiB], file handles and threads of a process."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    resident, threads = (int(re.search(name + r":\s+(\d+)", status).group(1)) for name in ("VmRSS", "Threads"))
+    return resident / 1024, len(os.listdir(f"/proc/{pid}/fd")), threads
 
 
 def play(bag, rate=20):

@@ -58,23 +58,4 @@ std::optional<std::filesystem::path> FindColmapModel(const std::filesystem::path
 /// Reads a model, binary where both kinds are there (as COLMAP does).
 ColmapModel ReadColmapModel(const std::filesystem::path& folder);
 
-/// Collects what the text and the binary reader find and checks that it fits together.
-class ColmapModelBuilder {
- public:
-  void AddCamera(const std::string& where, int64_t id, ColmapCamera camera);
-  void AddPoint(const std::string& where, int64_t id, const Eigen::Vector3d& point_in_world);
-  /// Points and cameras must have been added before. `point_ids`: -1 (as signed) for features without a point.
-  void AddImage(const std::string& where, ColmapImage image, const std::vector<int64_t>& point_ids);
-  ColmapModel Finish(const std::filesystem::path& folder);
-
- private:
-  ColmapModel model_;
-  std::unordered_map<int64_t, int> point_index_;
-  std::unordered_map<int64_t, std::string> name_of_image_;
-  std::unordered_map<std::string, int64_t> image_of_name_;
-};
-
-void ReadColmapText(const std::filesystem::path& folder, ColmapModelBuilder* builder);
-void ReadColmapBinary(const std::filesystem::path& folder, ColmapModelBuilder* builder);
-
 }  // namespace acmp

@@ -1,13 +1,5 @@
-// jpeglib.h needs FILE and size_t declared before it.
-#include <cstddef>
-#include <cstdio>
-// clang-format off
-#include <jpeglib.h>
-#include <jerror.h>
-// clang-format on
+#include <turbojpeg.h>
 
-#include <csetjmp>
-#include <cstdlib>
 #include <memory>
 
 #include "acmp_mapping/common/error.h"
@@ -18,123 +10,68 @@ namespace {
 
 constexpr int kQuality = 98;  // of 100: errors of a grey level, below sensor noise
 
-/// libjpeg reports errors through callbacks and must be left by longjmp; messages are kept for the exception.
-struct ErrorManager {
-  jpeg_error_mgr base;  // first: libjpeg hands back a pointer to it
-  std::jmp_buf jump;
-  char message[JMSG_LENGTH_MAX] = "";
-};
+using JpegHandle = std::unique_ptr<void, int (*)(tjhandle)>;
 
-[[noreturn]] void OnError(j_common_ptr info) {
-  auto* manager = reinterpret_cast<ErrorManager*>(info->err);
-  info->err->format_message(info, manager->message);
-  std::longjmp(manager->jump, 1);
+const unsigned char* BytesOf(std::string_view content) {
+  return reinterpret_cast<const unsigned char*>(content.data());
 }
 
-// libjpeg fills up truncated images with grey and only warns: those warnings are errors here. Others (for example stray
-// bytes between markers, which some cameras write) do no harm to the pixels.
-void OnMessage(j_common_ptr info, int level) {
-  if (level >= 0) return;
-  const int code = info->err->msg_code;
-  if (code == JWRN_JPEG_EOF || code == JWRN_HIT_MARKER || code == JWRN_HUFF_BAD_CODE || code == JWRN_ARITH_BAD_CODE) {
-    OnError(info);
-  }
+[[noreturn]] void Fail(const std::filesystem::path& path, const std::string& why) {
+  throw InvalidInputError(Concat(path.string(), ": damaged JPEG file: ", why));
 }
 
-/// Compressor or decompressor that is always released.
-template <class Info>
-struct Codec {
-  Codec() {
-    info.err = jpeg_std_error(&errors.base);
-    errors.base.error_exit = OnError;
-    errors.base.emit_message = OnMessage;
+ImageSize ReadHeader(const std::filesystem::path& path, std::string_view content, tjhandle decoder) {
+  int width = 0, height = 0, subsampling = 0, colors = 0;
+  tjDecompressHeader3(decoder, BytesOf(content), content.size(), &width, &height, &subsampling, &colors);
+  // Where it knows the size and fails all the same the sampling is unusual, which is not asked for.
+  if (width == 0 || height == 0) Fail(path, tjGetErrorStr2(decoder));
+  if (colors == TJCS_CMYK || colors == TJCS_YCCK) {
+    throw InvalidInputError(
+        Concat(path.string(), ": a JPEG file of 4 colours (CMYK): must be grey or of 3 colours (RGB, YCbCr)"));
   }
-  ~Codec() { jpeg_destroy(reinterpret_cast<j_common_ptr>(&info)); }
-  Codec(const Codec&) = delete;
-  Codec& operator=(const Codec&) = delete;
-
-  /// False where libjpeg reports an error. `work` must not make objects with destructors: it is left by longjmp.
-  template <class Work>
-  bool Guarded(const Work& work) {
-    if (setjmp(errors.jump)) return false;
-    work();
-    return true;
-  }
-
-  Info info = {};
-  ErrorManager errors;
-};
-using Decompressor = Codec<jpeg_decompress_struct>;
-
-[[noreturn]] void Fail(const std::filesystem::path& path, const Decompressor& decoder) {
-  throw InvalidInputError(Concat(path.string(), ": damaged JPEG file: ", decoder.errors.message));
+  CheckImageSize(path, static_cast<uint64_t>(width), static_cast<uint64_t>(height));
+  return {width, height};
 }
 
-ImageSize ReadHeader(const std::filesystem::path& path, std::string_view content, Decompressor* decoder) {
-  jpeg_decompress_struct& info = decoder->info;
-  const bool whole = decoder->Guarded([&] {
-    jpeg_create_decompress(&info);
-    jpeg_mem_src(&info, reinterpret_cast<const unsigned char*>(content.data()), content.size());
-    jpeg_read_header(&info, TRUE);
-    info.out_color_space = JCS_RGB;
-  });
-  if (!whole) Fail(path, *decoder);
-  if (info.num_components > 3) {
-    throw InvalidInputError(Concat(path.string(), ": a JPEG file of ", info.num_components,
-                                   " colours (CMYK): must be grey or of 3 colours (RGB, YCbCr)"));
-  }
-  CheckImageSize(path, info.image_width, info.image_height);
-  return {static_cast<int>(info.image_width), static_cast<int>(info.image_height)};
+/// The image ends after the header of its last scan; the end of a thumbnail in the file comes before that.
+bool HasEnd(std::string_view content) {
+  const size_t end = content.rfind("\xff\xd9"), scan = content.rfind("\xff\xda");
+  return end != std::string_view::npos && (scan == std::string_view::npos || scan < end);
 }
 
 }  // namespace
 
 ImageSize DecodeJpegSize(const std::filesystem::path& path, std::string_view content) {
-  Decompressor decoder;
-  return ReadHeader(path, content, &decoder);
+  const JpegHandle decoder(tjInitDecompress(), tjDestroy);
+  return ReadHeader(path, content, decoder.get());
 }
 
 ColorImage DecodeJpeg(const std::filesystem::path& path, std::string_view content) {
-  Decompressor decoder;
-  const ImageSize size = ReadHeader(path, content, &decoder);
+  const JpegHandle decoder(tjInitDecompress(), tjDestroy);
+  const ImageSize size = ReadHeader(path, content, decoder.get());
   ColorImage image(size.width, size.height);
-  const bool whole = decoder.Guarded([&, &info = decoder.info] {
-    jpeg_start_decompress(&info);
-    while (info.output_scanline < info.output_height) {
-      auto* row = reinterpret_cast<JSAMPROW>(&image(0, static_cast<int>(info.output_scanline)));
-      jpeg_read_scanlines(&info, &row, 1);
-    }
-    jpeg_finish_decompress(&info);
-  });
-  if (!whole) Fail(path, decoder);
+  if (tjDecompress2(decoder.get(), BytesOf(content), content.size(), reinterpret_cast<unsigned char*>(image.data()),
+                    size.width, 0, size.height, TJPF_RGB, TJFLAG_ACCURATEDCT) != 0) {
+    // What is missing is filled up with grey, and only warned of. Stray bytes between markers, which some cameras
+    // write, do no harm to the pixels.
+    const std::string message = tjGetErrorStr2(decoder.get());
+    const bool is_warning = tjGetErrorCode(decoder.get()) == TJERR_WARNING;
+    if (!is_warning || message.find("extraneous bytes before marker") == std::string::npos) Fail(path, message);
+  }
+  if (!HasEnd(content)) Fail(path, "it has no end");
   return image;
 }
 
 std::string EncodeJpeg(const std::filesystem::path& path, const ColorImage& image) {
+  const JpegHandle encoder(tjInitCompress(), tjDestroy);
   unsigned char* bytes = nullptr;
-  unsigned long size = 0;  // NOLINT(google-runtime-int): libjpeg's type
-  Codec<jpeg_compress_struct> encoder;
-  const bool whole = encoder.Guarded([&, &info = encoder.info] {
-    jpeg_create_compress(&info);
-    jpeg_mem_dest(&info, &bytes, &size);
-    info.image_width = static_cast<JDIMENSION>(image.width());
-    info.image_height = static_cast<JDIMENSION>(image.height());
-    info.input_components = 3;
-    info.in_color_space = JCS_RGB;
-    jpeg_set_defaults(&info);
-    jpeg_set_quality(&info, kQuality, TRUE);
-    info.comp_info[0].h_samp_factor = 1;  // colour at full resolution
-    info.comp_info[0].v_samp_factor = 1;
-    jpeg_start_compress(&info, TRUE);
-    while (info.next_scanline < info.image_height) {
-      // libjpeg takes no pointers to const but only reads.
-      auto* row = reinterpret_cast<JSAMPROW>(const_cast<Rgb*>(&image(0, static_cast<int>(info.next_scanline))));
-      jpeg_write_scanlines(&info, &row, 1);
-    }
-    jpeg_finish_compress(&info);
-  });
-  const std::unique_ptr<unsigned char, void (*)(void*)> owned(bytes, std::free);  // libjpeg allocates it
-  if (!whole) throw ProcessingError(Concat("cannot write ", path.string(), " as JPEG: ", encoder.errors.message));
+  unsigned long size = 0;  // NOLINT(google-runtime-int): TurboJPEG's type
+  const int failure = tjCompress2(encoder.get(), reinterpret_cast<const unsigned char*>(image.data()), image.width(), 0,
+                                  image.height(), TJPF_RGB, &bytes, &size, TJSAMP_444, kQuality, TJFLAG_ACCURATEDCT);
+  const std::unique_ptr<unsigned char, void (*)(unsigned char*)> owned(bytes, tjFree);
+  if (failure != 0) {
+    throw ProcessingError(Concat("cannot write ", path.string(), " as JPEG: ", tjGetErrorStr2(encoder.get())));
+  }
   return {reinterpret_cast<const char*>(bytes), size};
 }
 

@@ -8,7 +8,6 @@
 #include "gtest/gtest.h"
 
 #include "fusion/engine_views.h"
-#include "fusion/noisy_views.h"
 #include "support/devices.h"
 #include "support/error_text.h"
 #include "support/pass_result.h"

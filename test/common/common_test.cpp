@@ -1,11 +1,7 @@
-#include <algorithm>
-#include <cmath>
-#include <limits>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/option.h"
 #include "acmp_mapping/common/random.h"
-#include "acmp_mapping/common/sorting_network.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "support/decimal_comma.h"
@@ -130,34 +126,6 @@ TEST(OptionTest, NumbersHaveAPointInAnyLocale) {
   if (!comma.has_c_locale()) GTEST_SKIP() << "there is no locale de_DE, and none can be made: streams alone were tried";
 }
 
-TEST(OptionTest, ValuesAreDescribed) {
-  Car car;
-  const auto describe = [&](const char* name) { return DescribeValues(OptionsOf(&car).Find(name)); };
-  EXPECT_EQ(describe("length"), "0.5 to 20 m");
-  EXPECT_EQ(describe("color"), "red, green");
-  EXPECT_EQ(describe("on"), "true or false");
-  EXPECT_EQ(describe("owner"), "");
-}
-
-TEST(ErrorTest, RangeIncludesItsEndsAndNothingThatIsNotFinite) {
-  constexpr float kInf = std::numeric_limits<float>::infinity(), kNan = std::numeric_limits<float>::quiet_NaN();
-  for (const float legal : {-1.0f, 0.5f, 1.0f}) EXPECT_NO_THROW(CheckRange("x", legal, -1.0f, 1.0f));
-  for (const float illegal : {std::nextafter(1.0f, 2.0f), -1.5f, kNan, kInf, -kInf}) {
-    EXPECT_THROW(CheckRange("x", illegal, -1.0f, 1.0f), InvalidInputError) << illegal;
-  }
-  EXPECT_THAT(ErrorOf([] { CheckRange("fusion.views", 7, 1, 5); }), HasAll("fusion.views = 7", "[1, 5]"));
-}
-
-// Values of an independent implementation in arbitrary-precision integers: they pin the stream, so that stored results
-// stay comparable and CPU and GPU can be held to the same numbers.
-TEST(RandomTest, HashHasKnownValues) {
-  EXPECT_EQ(HashWord(0u), 129708002u);
-  EXPECT_EQ(HashWord(1u), 2831084092u);
-  EXPECT_EQ(HashWord(2u), 2055130248u);
-  EXPECT_EQ(HashWord(12345u), 4099845390u);
-  EXPECT_EQ(HashWord(0xffffffffu), 3861530882u);
-}
-
 TEST(RandomTest, StreamHasKnownValues) {
   RandomStream first(1, 0, 0);
   EXPECT_EQ(first.NextWord(), 555269243u);
@@ -167,38 +135,6 @@ TEST(RandomTest, StreamHasKnownValues) {
   EXPECT_EQ(second.NextWord(), 716031048u);
   EXPECT_EQ(second.NextWord(), 425445013u);
   EXPECT_EQ(second.NextWord(), 2047818685u);
-}
-
-TEST(RandomTest, UniformIsTheWordsUpper24Bits) {
-  RandomStream words(3, 4, 5), values(3, 4, 5);
-  for (int i = 0; i < 1000; ++i) {
-    const double expected = (words.NextWord() >> 8) / 16777216.0;
-    const float value = values.NextUniform();
-    ASSERT_EQ(value, expected);  // 24 bits fit a float exactly
-    ASSERT_LT(value, 1.0f);
-  }
-}
-
-/// A network sorts everything if it sorts all sequences of zeros and ones (the 0-1 principle).
-template <int kSize>
-void SortAllZerosAndOnes() {
-  for (unsigned bits = 0; bits < 1u << kSize; ++bits) {
-    float values[kSize];
-    for (int i = 0; i < kSize; ++i) values[i] = static_cast<float>(bits >> i & 1u);
-    const auto ones = std::count(values, values + kSize, 1.0f);
-    SortValues(values);
-    ASSERT_TRUE(std::is_sorted(values, values + kSize)) << kSize << " values, bits " << bits;
-    ASSERT_EQ(std::count(values, values + kSize, 1.0f), ones) << kSize << " values, bits " << bits;
-  }
-}
-
-TEST(SortingNetworkTest, SortsAllZerosAndOnes) {
-  SortAllZerosAndOnes<1>();
-  SortAllZerosAndOnes<2>();
-  SortAllZerosAndOnes<3>();
-  SortAllZerosAndOnes<7>();
-  SortAllZerosAndOnes<16>();
-  SortAllZerosAndOnes<21>();
 }
 
 }  // namespace

@@ -51,40 +51,6 @@ TEST_F(LoadFrameTest, WrongSizeAndTruncationAreRefused) {
   EXPECT_REFUSED(LoadFrame(scene, 2), "image index = 2");
 }
 
-TEST_F(LoadFrameTest, UndistortsEveryModel) {
-  const std::string good = cameras;
-  for (const char* model : {"SIMPLE_RADIAL 32 24 30 16 12 -0.2", "RADIAL 32 24 30 16 12 -0.2 0.05",
-                            "OPENCV 32 24 30 31 16 12 -0.2 0.05 0.01 -0.02",
-                            "FULL_OPENCV 32 24 30 31 16 12 0.1 -0.05 0.01 -0.02 0.02 0.2 0.03 0.01",
-                            "OPENCV_FISHEYE 32 24 30 31 16 12 0.05 -0.02 0.01 0.003",
-                            "SIMPLE_RADIAL_FISHEYE 32 24 30 16 12 0.05", "RADIAL_FISHEYE 32 24 30 16 12 0.05 -0.02"}) {
-    cameras = Replaced(good, "PINHOLE 32 24 30 31 16.25 12.75", model);
-    const Scene scene = ReadColmap();
-    const Frame frame = LoadFrame(scene, 0);
-    EXPECT_EQ(frame.camera, scene.images[0].camera);
-    int inside = 0;
-    for (int row = 0; row < kHeight; ++row) {
-      for (int col = 0; col < kWidth; ++col) {
-        const PinholeCamera& camera = scene.images[0].camera;
-        const Eigen::Vector2d p = test::Distort(camera, scene.images[0].distortion, (col - camera.cx) / camera.fx,
-                                                (row - camera.cy) / camera.fy);
-        if (p.x() < 0 || p.y() < 0 || p.x() > kWidth - 1 || p.y() > kHeight - 1) continue;
-        ++inside;
-        // The fixture's image is linear, so interpolation is exact up to remap's steps of 1/32 px (4 levels per px:
-        // 0.06) and rounding (0.5).
-        EXPECT_NEAR(frame.color(col, row).r, 40 + 4 * p.x(), 0.7) << model << " at " << col << " " << row;
-        EXPECT_NEAR(frame.color(col, row).g, 60 + 3 * p.y(), 0.7) << model << " at " << col << " " << row;
-      }
-    }
-    EXPECT_GT(inside, kWidth * kHeight / 2) << model;
-  }
-}
-
-TEST(ParseImageIndices, TakesIndicesAndRanges) {
-  EXPECT_EQ(ParseImageIndices("3,0-1,3", 4), (std::vector<int>{0, 1, 3}));
-  EXPECT_EQ(ParseImageIndices("2", 3), std::vector<int>{2});
-}
-
 class MasksTest : public SceneFixture {
  protected:
   /// One black pixel; the others are nearly black.

@@ -1,8 +1,6 @@
 #include "acmp_mapping/dataset/output_file.h"
-#include <sys/resource.h>
 #include <sys/stat.h>
 
-#include <csignal>
 #include <thread>
 #include <vector>
 
@@ -86,16 +84,10 @@ TEST_F(OutputFileTest, AFolderIsWholeOrAbsentAndReplacesTheOldOne) {
 }
 
 TEST_F(OutputFileTest, WhatTheSystemDoesNotTakeIsReported) {
-  rlimit before = {};
-  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
-  std::signal(SIGXFSZ, SIG_IGN);
   const auto expect_refused = [&](auto write) {
     AtomicFile file(folder() / "a");
-    const rlimit none = {0, before.rlim_max};
-    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &none), 0);
-    const std::string message = MessageOf<ProcessingError>([&] { write(&file); });
-    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
-    EXPECT_THAT(message, HasAll((folder() / "a").string(), "File too large"));
+    const FileSizeLimit limit(0);
+    EXPECT_THAT(MessageOf<ProcessingError>([&] { write(&file); }), HasAll((folder() / "a").string(), "File too large"));
   };
   expect_refused([](AtomicFile* file) { file->Write(std::string(100000, 'x')); });
   expect_refused([](AtomicFile* file) { file->WriteAt(100, "x", 1); });

@@ -1,19 +1,16 @@
 #include <algorithm>
 #include <filesystem>
-#include <functional>
 #include "acmp_mapping/evaluation/evaluate.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dataset/test_folder.h"
-#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -140,28 +137,6 @@ TEST_F(EvaluateCloudTest, ReportsTheSameFiguresInEveryForm) {
   EXPECT_EQ(json["observed_points"], evaluation.observed_points);
   EXPECT_EQ(json["metrics"][1]["threshold"], evaluation.metrics[1].threshold);
   EXPECT_EQ(json["metrics"][1]["accuracy"], evaluation.metrics[1].accuracy);
-}
-
-TEST_F(EvaluateCloudTest, RefusesBadOptionsAndInput) {
-  struct Case {
-    std::function<void(CloudEvaluationOptions*)> change;
-    const char* message;
-  };
-  for (const Case& c : std::vector<Case>{
-           {[](CloudEvaluationOptions* o) {
-              o->thresholds = {0.1, -1};
-            },
-            "--thresholds = -1"},
-           {[](CloudEvaluationOptions* o) { o->thresholds = {}; }, "0 values: must be at least 1"},
-           {[](CloudEvaluationOptions* o) { o->voxel_size = 0; }, "--voxel = 0"},
-           {[](CloudEvaluationOptions* o) { o->truth.max_depth = -1; }, "--max-depth = -1"},
-           {[](CloudEvaluationOptions* o) { o->truth.max_depth = 1e-6; }, "3 maps, 0 pixels of known depth"},
-           {[](CloudEvaluationOptions* o) { o->truth.folder = "missing"; }, "missing"},
-           {[](CloudEvaluationOptions* o) { o->ground_truth = o->truth.folder; }, "cameras.txt"}}) {
-    CloudEvaluationOptions options = Options();
-    c.change(&options);
-    EXPECT_REFUSED(EvaluateCloudFile(options), c.message);
-  }
 }
 
 }  // namespace

@@ -3,7 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"
@@ -82,11 +81,6 @@ TEST_F(WrittenSceneTest, HoldsTheGroundTruth) {
   }
   EXPECT_EQ(ReadPly(folder() / "surface.ply").size(), SampleSyntheticSurface(views_, 0.1f).size());
   EXPECT_EQ(ReadPly(folder() / "sparse.ply").size(), ReadScene(folder()).landmarks_in_world.size());
-}
-
-TEST_F(WrittenSceneTest, SaysWhyItCannotWrite) {
-  const std::filesystem::path file = folder() / "cameras.txt";
-  EXPECT_THROW(WriteSceneFiles(file / "below_a_file", views_, 0.1f), InvalidInputError);
 }
 
 }  // namespace

@@ -1,5 +1,4 @@
 #include "acmp_mapping/synthetic/synthetic_scene.h"
-#include <cmath>
 #include <cstdint>
 #include <map>
 #include <string>
@@ -7,8 +6,6 @@
 
 #include <gtest/gtest.h>
 #include <Eigen/LU>
-
-#include "acmp_mapping/common/error.h"
 
 namespace acmp {
 namespace {
@@ -22,60 +19,11 @@ SyntheticSceneOptions NamedScene(const std::string& name, int width, int height,
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-const std::vector<SyntheticView>& DefaultScene() {
-  static const std::vector<SyntheticView> kScene = MakeSyntheticScene({});
-  return kScene;
-}
-
 Vector3d ToEigen(const Vec3f& v) { return {v.x, v.y, v.z}; }
 
 Vector3d PointInWorld(const SyntheticView& view, int col, int row) {
   return view.frame.cam_from_world.inverse() *
          view.frame.camera.Unproject(Vector2d(col, row), view.true_depth(col, row));
-}
-
-// True when the 3x3 pixels around lie on one plane with the centre's normal: no outline and no curved surface.
-bool OnOnePlane(const SyntheticView& view, int col, int row) {
-  if (col < 1 || row < 1 || col >= view.true_depth.width() - 1 || row >= view.true_depth.height() - 1) return false;
-  const Vector3d normal = ToEigen(view.true_normal(col, row));
-  const Vector3d center = view.frame.camera.Unproject(Vector2d(col, row), view.true_depth(col, row));
-  for (int v = row - 1; v <= row + 1; ++v) {
-    for (int u = col - 1; u <= col + 1; ++u) {
-      const Vector3d point = view.frame.camera.Unproject(Vector2d(u, v), view.true_depth(u, v));
-      if (std::abs(normal.dot(point - center)) > 1e-4) return false;  // 0.1 mm: float rounding of the depth is 0.5 um
-    }
-  }
-  return true;
-}
-
-// Depth of the plane at a pixel near (col, row), at a position between pixels.
-double PlaneDepthAt(const SyntheticView& view, int col, int row, const Vector2d& pixel) {
-  const Vector3d normal = ToEigen(view.true_normal(col, row));
-  const Vector3d point = view.frame.camera.Unproject(Vector2d(col, row), view.true_depth(col, row));
-  return normal.dot(point) / normal.dot(view.frame.camera.Unproject(pixel));
-}
-
-TEST(SyntheticScene, SurfacesAgreeBetweenViews) {
-  const SyntheticView& from = DefaultScene()[4];
-  int same = 0, in_view = 0;
-  for (const size_t other : {3, 5, 7}) {
-    const SyntheticView& to = DefaultScene()[other];
-    for (int row = 0; row < from.true_depth.height(); ++row) {
-      for (int col = 0; col < from.true_depth.width(); ++col) {
-        const Vector3d point = to.frame.cam_from_world * PointInWorld(from, col, row);
-        const Vector2d pixel = to.frame.camera.Project(point);
-        const int u = static_cast<int>(std::lround(pixel.x())), v = static_cast<int>(std::lround(pixel.y()));
-        if (point.z() <= 0 || !OnOnePlane(to, u, v)) continue;
-        ++in_view;
-        const double surface = PlaneDepthAt(to, u, v, pixel);
-        // Float depths put the point within a micrometre of its surface. Something may stand before it, but a view that
-        // looks through it would mean that depth or pose is wrong.
-        ASSERT_GT(point.z(), surface - 1e-5) << "view " << other << " pixel " << pixel.transpose();
-        same += point.z() < surface + 1e-5;
-      }
-    }
-  }
-  EXPECT_GT(same, 0.8 * in_view);  // the rest is occluded
 }
 
 // The hash of Fowler, Noll and Vo, 64 bits.
@@ -148,21 +96,6 @@ TEST(SyntheticSurface, CoversWhatTheViewsSeeWithPointsOnTheSurfaces) {
       }
     }
   }
-}
-
-TEST(SelectSyntheticScene, SetsPlaceAndCameraOnly) {
-  SyntheticSceneOptions options;
-  options.width = 77;
-  options.seed = 5;
-  SelectSyntheticScene("hard", &options);
-  EXPECT_EQ(options.place, SyntheticPlace::kOffice);
-  EXPECT_GT(options.imaging.grey_per_electron, 0);
-  EXPECT_EQ(options.width, 77);
-  EXPECT_EQ(options.seed, 5u);
-  SelectSyntheticScene("room", &options);
-  EXPECT_EQ(options.place, SyntheticPlace::kRoom);
-  EXPECT_EQ(options.imaging.grey_per_electron, 0);
-  EXPECT_THROW(SelectSyntheticScene("kitchen", &options), InvalidInputError);
 }
 
 }  // namespace

@@ -153,11 +153,6 @@ TEST_F(ElectionTest, NearSeedsHaveMoreOfASayAndSeedsThatLieOffTheirOwnPlaneDoNot
   EXPECT_EQ(ElectPlane(context_, nearest_at_, Extended()), 0) << "a fit that misses its own seed";
 }
 
-TEST_F(ElectionTest, WithoutASeedNothingIsElected) {
-  EXPECT_EQ(ElectPlane(context_, nearest_at_, Extended()), -1);
-  EXPECT_EQ(MedianPlane(Extended()), -1);
-}
-
 /// What one source sees of the middle of a wall 5 m away, if its map says so many times the true depth.
 ViewSupport LookAtAWallSeenAt(float factor) {
   const std::vector<Quad> wall = {{{-10, -10, 5}, {20, 0, 0}, {0, 20, 0}, {90, 90, 90}}};

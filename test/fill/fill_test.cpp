@@ -8,15 +8,11 @@
 #include "gtest/gtest.h"
 
 #include "fusion/engine_views.h"
-#include "fusion/noisy_views.h"
 #include "support/devices.h"
-#include "support/error_text.h"
 #include "support/pass_result.h"
 
 namespace acmp {
 namespace {
-
-using ::testing::HasSubstr;
 
 const DepthRange kRange = {1, 30};
 
@@ -225,17 +221,6 @@ TEST_P(FillTest, WhatASourceSeesThroughTakesTheSurfaceOfItsColour) {
       EXPECT_EQ(with.cost(col, row), without.cost(col, row));
     }
   });
-}
-
-TEST_P(FillTest, BadInputIsRefused) {
-  EXPECT_THAT(ErrorOf([&] { Fill(Corner(), 2, {}, {3, 2}); }), HasSubstr("depth range"));
-  const std::vector<TestView> views = Corner();
-  for (const bool has_frame : {true, false}) {
-    EngineProblem problem = ProblemOf(views, 2, kRange, engine_.get());
-    if (!has_frame) problem.reference.frame = nullptr;
-    const EngineEstimatePtr start = has_frame ? nullptr : problem.reference.estimate;
-    EXPECT_THROW(engine_->FillUnverified(problem, start, {}), InvalidInputError);
-  }
 }
 
 TEST_P(FillTest, NothingChangesWithoutSourcesOrSeeds) {

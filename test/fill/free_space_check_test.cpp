@@ -52,14 +52,6 @@ class FreeSpaceCheckTest : public ::testing::Test {
   CostMap cost_;
 };
 
-TEST_F(FreeSpaceCheckTest, WhatWouldHideSomethingTexturedIsUnsupported) {
-  ASSERT_EQ(EvidenceCellSize(kWidth, kHeight), kCell);
-  Check();
-  EXPECT_EQ(CountUnsupported(0, kRoof), kRoof * kWidth);
-  EXPECT_EQ(CountUnsupported(kRoof, kHeight), 0);
-  EXPECT_EQ(cost_(100, kRoof), 0.3f);
-}
-
 TEST_F(FreeSpaceCheckTest, ASurfaceHidesWhatIsATenthFartherAway) {
   for (const auto& [depth, rows] : {std::pair(18.5f, 0), {17.8f, kRoof}}) {  // 20 / 1.1 = 18.2
     for (float& cost : cost_) cost = 0.3f;
@@ -162,13 +154,6 @@ TEST_P(FreeSpaceCheckOnEnginesTest, KeepsPlanesAndAStartThatIsHeld) {
   const EngineEstimatePtr unsupported = engine_->RemoveUnsupported(scene_, std::move(scene_.reference.estimate));
   EXPECT_TRUE(GetParam() == Device::kCpu || unsupported.get() == start) << "nobody else held it";
   EXPECT_TRUE(SameBits(engine_->DownloadState(unsupported), expected));
-}
-
-TEST_P(FreeSpaceCheckOnEnginesTest, BadInputIsRefused) {
-  scene_.reference.estimate = nullptr;
-  EXPECT_THROW(RemoveUnsupported(), InvalidInputError);
-  scene_.reference.frame = nullptr;
-  EXPECT_THROW(RemoveUnsupported(), InvalidInputError);
 }
 
 }  // namespace

@@ -49,20 +49,6 @@ class FilterPixelTest : public ::testing::Test {
   MedianContext context_ = {};
 };
 
-TEST_F(FilterPixelTest, ColoursTellWhichSurfaceAPixelIsOf) {
-  // The nearer one reaches four pixels too far.
-  for (int row = 0; row < kSize; ++row) {
-    for (int col = kEdge - 4; col < kEdge; ++col) SetDepth(col, row, 2);
-  }
-  for (int col = 0; col < kSize; ++col) {
-    EXPECT_NEAR(Filtered(col, 30), col < kEdge ? 4 : 2, 1e-5f) << col;  // rounding of a quotient
-    const bool is_changed = col >= kEdge - 4 && col < kEdge;
-    EXPECT_EQ(cost_(col, 30), is_changed ? kUnverifiedCost : 0.1f) << col;
-  }
-  context_.color = {};
-  EXPECT_NEAR(Filtered(kEdge - 2, 20), 2, 1e-5f) << "without colours most of what is around decides";
-}
-
 TEST_F(FilterPixelTest, WhatSourcesSeeThroughHasLessSay) {
   // All of the left half that the filter sees from there but a column of samples has the wrong depth: nine times the
   // weight of that column, and a quarter of it for each source that violates.

@@ -8,7 +8,6 @@
 #include <thread>
 
 #include "fusion/engine_views.h"
-#include "fusion/noisy_views.h"
 #include "fusion/reference_fusion.h"
 #include "support/devices.h"
 #include "support/error_text.h"
@@ -285,26 +284,6 @@ TEST_P(FuseOnEnginesTest, EnginesMayFuseAtTheSameTime) {
     clouds[8] = Fuse(engine_.get(), 8, stamps.get());
     ASSERT_EQ(FirstDifference(clouds, expected), "");
   }
-}
-
-struct ForeignStamps final : FusionStamps {};
-
-TEST_P(FuseOnEnginesTest, RanksOutOfBoundsAndOtherStampsAreRefused) {
-  const std::unique_ptr<FusionStamps> stamps = engine_->MakeFusionStamps();
-  for (const int rank : {-1, 65535}) {
-    EXPECT_THAT(ErrorOf([&] { engine_->FuseView(views_[0], {views_[1]}, {}, rank, stamps.get()); }),
-                HasSubstr(Concat("rank of a fused view = ", rank, ": must be in [0, 65534]")));
-  }
-  EXPECT_NO_THROW(Fuse(engine_.get(), 0, stamps.get())) << "the engine can be used again";
-  const auto expect_refused = [&](FusionStamps* bad) {
-    EXPECT_THAT(ErrorOf([&] { Fuse(engine_.get(), 0, bad); }), HasSubstr("stamps: null or"));
-  };
-  ForeignStamps foreign;
-  expect_refused(nullptr);
-  expect_refused(&foreign);
-  std::unique_ptr<DepthEngine> other;
-  MakeEngineOrSkip(GetParam() == Device::kCpu ? Device::kCuda : Device::kCpu, &other);
-  if (!IsSkipped()) expect_refused(other->MakeFusionStamps().get());
 }
 
 }  // namespace

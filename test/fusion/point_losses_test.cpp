@@ -9,14 +9,12 @@
 
 #include "acmp_mapping/engine/host_depth_engine.h"
 #include "fusion/engine_views.h"
-#include "support/error_text.h"
 
 namespace acmp {
 namespace {
 
 using testing::AllOf;
 using testing::HasSubstr;
-using testing::Not;
 using testing::StartsWith;
 
 constexpr size_t kPixels = 20 * 16;
@@ -106,11 +104,6 @@ TEST(PointLosses, TellsWhatLacksConfidence) {
   EXPECT_EQ(Count(views, {}).unconfirmed, 0u);
   views[0].cost = CostMap(20, 16, kUnsupportedCost);
   EXPECT_EQ(Count(views, {}).unconfirmed, kPixels);
-}
-
-TEST(PointLosses, RefusesBadSteps) {
-  EXPECT_THAT(ErrorOf([] { Count(Views(), {}, 0); }), HasSubstr("step = 0"));
-  EXPECT_THAT(Describe({}, {}), Not(HasSubstr("%")));
 }
 
 }  // namespace

@@ -5,13 +5,11 @@
 
 #include <array>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <random>
 
 #include "fusion/engine_views.h"
 #include "fusion/reference_fusion.h"
-#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -62,20 +60,6 @@ TEST(VoxelFilter, AgreesWithAPlainMap) {
 
 SurfacePoint Point(float x, float normal_z, float confidence) {
   return {{x, 0.5f, 0.5f}, {0, 0, normal_z}, {100, 0, 0}, confidence};
-}
-
-TEST(VoxelFilter, HandlesEmptyCloudsAndRefusesBadInput) {
-  EXPECT_TRUE(VoxelFilter({}, 0.1f).empty());
-  const float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
-  for (const float size : {0.0f, -1.0f, nan, infinity}) {
-    EXPECT_THAT(ErrorOf([&] { VoxelFilter({}, size); }), testing::HasSubstr("voxel size"));
-  }
-  for (const float x : {nan, infinity, 1e12f}) {
-    EXPECT_THAT(ErrorOf([&] { VoxelFilter({Point(0, 1, 1), Point(x, 1, 1)}, 0.1f); }), testing::HasSubstr("point 1"));
-  }
-  for (const float confidence : {nan, -0.1f, 1.1f}) {
-    EXPECT_THAT(ErrorOf([&] { VoxelFilter({Point(0, 1, confidence)}, 0.1f); }), testing::HasSubstr("confidence"));
-  }
 }
 
 TEST(MergeClouds, IsTheVoxelFilterOfTheMovedClouds) {

@@ -56,13 +56,8 @@ class Bytes {
   bool TakeBool() { return (Take<uint8_t>() & 1) != 0; }
   /// Begins with its length, a byte.
   std::string TakeText() { return std::string(Front(Take<uint8_t>())); }
-  /// Begins with their number, 16 bits; not more than there are.
-  template <class T>
-  std::vector<T> TakeVector() {
-    std::vector<T> values(std::min<size_t>(Take<uint16_t>(), rest_.size() / sizeof(T)));
-    for (T& value : values) value = Take<T>();
-    return values;
-  }
+  /// 16 bits; not more than there are, of so many bytes each.
+  size_t TakeCount(size_t bytes) { return std::min<size_t>(Take<uint16_t>(), rest_.size() / bytes); }
   std::string_view Rest() { return Front(rest_.size()); }
 
  private:

@@ -80,20 +80,21 @@ seed("calibration_file", "yaml", f"yimage_width: 8\nimage_height: 6\ncamera_name
 seed("calibration_file", "ini", "i[image]\n\nwidth\n8\n\nheight\n6\n\n[a]\n\ncamera matrix\n9 0 4\n0 9 3\n0 0 1\n\n"
      "distortion\n0.1 0 0 0 0\n\nrectification\n1 0 0\n0 1 0\n0 0 1\n\nprojection\n9 0 4 0\n0 9 3 0\n0 0 1 0\n")
 
-# Messages.
-HEADER = struct.pack("<II", 5, 0) + text("map")
+# Messages: all their fields in order; text() and vector() have lengths of their own.
+HEADER = struct.pack("<III", 1, 5, 0) + text("map")
 POSE_MESSAGE = struct.pack("<7d", 0.1, 0, 0, 0, 0, 0, 1)
 
 
 def camera_info(model, coefficients, binning=1, roi=(0, 0, 0, 0), focal=9, cx=4):
-    return (HEADER + struct.pack("<II", 8, 6) + text(model) + vector("d", coefficients) +
-            struct.pack("<21d", focal, 0, cx, 0, focal, 3, 0, 0, 1, focal, 0, cx, 0, 0, focal, 3, 0, 0, 0, 1, 0) +
-            struct.pack("<6I", binning, binning, *roi))
+    return (HEADER + struct.pack("<II", 6, 8) + text(model) + vector("d", coefficients) +
+            struct.pack("<30d", focal, 0, cx, 0, focal, 3, 0, 0, 1, 1, 0, 0, 0, 1, 0, 0, 0, 1,
+                        focal, 0, cx, 0, 0, focal, 3, 0, 0, 0, 1, 0) +
+            struct.pack("<6IB", binning, binning, *roi, 0))
 
 
-def image(encoding, bytes_per_pixel, width=8, height=6):
-    return (HEADER + struct.pack("<II", width, height) + text(encoding) +
-            struct.pack("<BI", 0, width * bytes_per_pixel) + vector("B", [7] * (width * height * bytes_per_pixel)))
+def image(encoding, row_bytes, width=8, height=6, count=None):
+    return (HEADER + struct.pack("<II", height, width) + text(encoding) + struct.pack("<BI", 0, row_bytes) +
+            vector("B", [7] * (row_bytes * height if count is None else count)))
 
 
 def compressed(content):
@@ -104,8 +105,8 @@ def cloud(names, points):
     fields = b"".join(text(name) + struct.pack("<IBI", 4 * i, 7, 1) for i, name in enumerate(names))
     step = 4 * len(names)
     data = b"".join(struct.pack(f"<{len(names)}f", *point) for point in points)
-    return (HEADER + struct.pack("<II", len(points), 1) + bytes([len(names)]) + fields +
-            struct.pack("<BIIB", 0, step, step * len(points), 1) + vector("B", list(data)))
+    return (HEADER + struct.pack("<IIH", 1, len(points), len(names)) + fields +
+            struct.pack("<BII", 0, step, step * len(points)) + vector("B", list(data)) + b"\1")
 
 
 XYZ = ["x", "y", "z"]
@@ -116,24 +117,30 @@ seed("camera_info", "equidistant", camera_info("equidistant", [0.1, 0, 0, 0]))
 seed("camera_info", "wide", camera_info("equidistant", [0, 0, 0, 0], focal=2))
 seed("camera_info", "beside_the_image", camera_info("plumb_bob", [0, 0, 0, 0, 0], cx=1e9))
 for name, size in (("rgb8", 3), ("mono16", 2), ("bayer_rggb8", 1), ("yuv422", 2), ("bgra8", 4)):
-    seed("image_message", name, b"\1" + image(name, size))
+    seed("image_message", name, b"\1" + image(name, 8 * size))
+seed("image_message", "rows_that_wrap", b"\1" + image("mono8", 0x55555556, 2, 3, count=2))  # 3 rows: 2 bytes in 32 bits
 seed("image_message", "png", b"\0" + compressed(png()))
-seed("mask_message", "mono8", image("mono8", 1))
-seed("prior_depth_message", "float", image("32FC1", 4))
-seed("prior_depth_message", "thousandths", image("16UC1", 2))
+seed("mask_message", "mono8", image("mono8", 8))
+seed("prior_depth_message", "float", image("32FC1", 32))
+seed("prior_depth_message", "thousandths", image("16UC1", 16))
 seed("point_cloud", "xyz", cloud(XYZ, [(0, 0, 1), (0, 0, 0), (1, 1, 2)]))
 seed("point_cloud", "packed", cloud(PACKED, [(0, 0, 1, 0, 0, 0, -1, 0.5)] * 2))
-seed("pose", "pose", HEADER + POSE_MESSAGE + text("camera") + vector("f", [1, 2]))
-KEYFRAME = HEADER + POSE_MESSAGE + text("camera") + camera_info("plumb_bob", [0.1, 0, 0, 0, 0]) + cloud(XYZ, [(0, 0, 1)] * 2)
-seed("keyframe", "raw", (KEYFRAME + image("mono8", 1) + compressed(b"")) * 2)
-seed("keyframe", "compressed", KEYFRAME + image("", 1, 0, 0) + compressed(png()))
+COVARIANCE = bytes(36 * 8)
+for kind, rest in enumerate((POSE_MESSAGE, POSE_MESSAGE + COVARIANCE, text("camera") + POSE_MESSAGE + COVARIANCE,
+                             text("camera") + POSE_MESSAGE, struct.pack("<H3fH", 1, 1, 2, 3, 0))):
+    seed("pose", str(kind), bytes([kind]) + HEADER + rest)
+KEYFRAME = (camera_info("plumb_bob", [0.1, 0, 0, 0, 0]) + POSE_MESSAGE + text("camera") + cloud(XYZ, [(0, 0, 1)] * 2))
+seed("keyframe", "raw", (HEADER + image("mono8", 8) + compressed(b"") + KEYFRAME) * 2)
+seed("keyframe", "compressed", HEADER + image("", 0, 0, 0) + compressed(png()) + KEYFRAME)
 RIGID = struct.pack("<12d", 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
 
 
 def keyframe_points(number):
-    return (HEADER + text("mapper") + struct.pack("<BBBBd", 1, number, 0, 0, 0.001) + RIGID + RIGID +
-            struct.pack("<Bd", number, 1) + RIGID + RIGID +
-            cloud(PACKED, [(0, 0, 1, 0, 0, 0, -1, 0.5), (1, 0, 2, 0, 0, 0, -1, 0.5)]))
+    return (HEADER + text("mapper") + struct.pack("<QQQBQ", number, 1, number, 0, 0) + RIGID +
+            camera_info("plumb_bob", [0] * 5) + cloud(PACKED, [(0, 0, 1, 0, 0, 0, -1, 0.5), (1, 0, 2, 0, 0, 0, -1, 0.5)]) +
+            compressed(b"") + struct.pack("<Q", number) + RIGID + struct.pack("<d", 1) + RIGID + b"\0" + RIGID +
+            text("map") + struct.pack("<d", 0.001))
 
 
-seed("keyframe_points", "two", keyframe_points(0) + keyframe_points(1) + b"\2" + (HEADER + POSE_MESSAGE) * 2)
+seed("keyframe_points", "two", keyframe_points(0) + keyframe_points(1) + HEADER + struct.pack("<H", 2) +
+     (HEADER + POSE_MESSAGE) * 2)

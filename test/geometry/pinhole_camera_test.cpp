@@ -6,13 +6,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "support/error_text.h"
-
 namespace acmp {
 namespace {
-
-using ::testing::AllOf;
-using ::testing::HasSubstr;
 
 const PinholeCamera kVgaCamera = {640, 480, 525.5, 520.25, 311.75, 244.5};
 
@@ -75,47 +70,6 @@ TEST(PinholeCameraTest, HalvedSeesTheMeansOfTwoByTwoPixels) {
   EXPECT_NEAR(halved.cy, resized.cy, 1e-12);
   EXPECT_EQ(halved.fx, resized.fx);
   EXPECT_EQ(halved.fy, resized.fy);
-}
-
-struct SizeCase {
-  int max_size, width, height, expected_width, expected_height;
-};
-
-TEST(LimitSizeTest, LimitsTheLongerSideOnly) {
-  for (const SizeCase& c : {
-           SizeCase{320, 640, 480, 320, 240},
-           {320, 480, 640, 240, 320},   // portrait
-           {640, 640, 480, 640, 480},   // exactly as large as allowed
-           {3200, 640, 480, 640, 480},  // never enlarged
-           {0, 640, 480, 640, 480},     // 0: no limit
-           {-5, 640, 480, 640, 480},
-           {100, 641, 481, 100, 75},  // 75.04
-           {10, 10000, 3, 10, 1},     // never below one pixel
-           {1, 640, 480, 1, 1},       // 0.75 rounds to 1
-           {999, 6048, 4032, 999, 666},
-       }) {
-    int width = c.width, height = c.height;
-    LimitSize(c.max_size, &width, &height);
-    EXPECT_EQ(width, c.expected_width) << c.max_size << " for " << c.width << " x " << c.height;
-    EXPECT_EQ(height, c.expected_height) << c.max_size << " for " << c.width << " x " << c.height;
-  }
-}
-
-TEST(CheckCameraTest, NamesWhatIsWrong) {
-  constexpr double kInf = std::numeric_limits<double>::infinity();
-  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-  const auto error = [](const PinholeCamera& camera) { return ErrorOf([&] { CheckCamera("left camera", camera); }); };
-  EXPECT_EQ(error(kVgaCamera), "no error");
-  EXPECT_THAT(error({-3, 480, 1, 1, 0, 0}), AllOf(HasSubstr("left camera"), HasSubstr("-3 x 480")));
-  EXPECT_THAT(error({640, 0, 1, 1, 0, 0}), HasSubstr("640 x 0"));
-  for (const double bad : {0.0, -2.5, kInf, kNan}) {
-    EXPECT_THAT(error({640, 480, bad, 500, 0, 0}), AllOf(HasSubstr(Concat("fx = ", bad)), HasSubstr("positive")));
-    EXPECT_THAT(error({640, 480, 500, bad, 0, 0}), HasSubstr(Concat("fy = ", bad)));
-  }
-  for (const double bad : {kInf, kNan}) {
-    EXPECT_THAT(error({640, 480, 500, 500, bad, 0}), AllOf(HasSubstr(Concat("cx = ", bad)), HasSubstr("finite")));
-    EXPECT_THAT(error({640, 480, 500, 500, 0, bad}), HasSubstr(Concat("cy = ", bad)));
-  }
 }
 
 }  // namespace

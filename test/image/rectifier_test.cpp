@@ -179,16 +179,6 @@ TEST(Rectifier, DepthOfFacesIsMadeOfDistances) {
   }
 }
 
-TEST(Rectifier, RefusesAnotherSize) {
-  Rectifier rectifier(MakeLens(Model::kNone, {}));
-  try {
-    rectifier.Rectify(cv::Mat(121, 160, CV_8UC3));
-    FAIL();
-  } catch (const InvalidInputError& error) {
-    EXPECT_THAT(error.what(), ::testing::AllOf(::testing::HasSubstr("160x121"), ::testing::HasSubstr("160x120")));
-  }
-}
-
 /// Smooth over the sphere.
 double PatternOn(const Eigen::Vector3d& ray) { return 128 + 50 * ray.x() + 40 * ray.y() * ray.z() + 20 * ray.z(); }
 

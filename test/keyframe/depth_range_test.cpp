@@ -1,13 +1,11 @@
 #include "acmp_mapping/keyframe/depth_range.h"
 
-#include <cmath>
 #include <limits>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "keyframe/small_camera.h"
-#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -67,27 +65,6 @@ TEST(DepthRangeTest, NoneWithTooFewLandmarks) {
   EXPECT_FALSE(DepthRangeFromLandmarks(nine, kSmallCamera, scene.pose, {}));
   const std::vector<Eigen::Vector3d> ten(scene.points.begin(), scene.points.begin() + 10);
   EXPECT_TRUE(DepthRangeFromLandmarks(ten, kSmallCamera, scene.pose, {}));
-}
-
-TEST(DepthRangeTest, NoneBeyondWhatAFloatHolds) {
-  const AxisScene scene;
-  const std::vector<Eigen::Vector3d> same(20, scene.AtDepth(3)), beyond(20, scene.AtDepth(1e39));
-  EXPECT_TRUE(DepthRangeFromLandmarks(same, kSmallCamera, scene.pose, {}));
-  EXPECT_FALSE(DepthRangeFromLandmarks(beyond, kSmallCamera, scene.pose, {}));
-}
-
-TEST(CheckDepthRangeTest, RefusesInvertedAndInfinite) {
-  EXPECT_NO_THROW(CheckDepthRange("range", {0.1f, 10}));
-  const float inf = std::numeric_limits<float>::infinity();
-  const float nan = std::numeric_limits<float>::quiet_NaN();
-  for (const DepthRange& range :
-       std::vector<DepthRange>{{2, 1}, {1, 1}, {0, 1}, {-1, 1}, {1, inf}, {nan, 1}, {1, nan}, {inf, inf}, {0, 0}}) {
-    EXPECT_THROW(CheckDepthRange("range", range), InvalidInputError) << range.min << " " << range.max;
-  }
-  EXPECT_THAT(ErrorOf([] {
-                CheckDepthRange("fallback", {3, 2});
-              }),
-              testing::AllOf(testing::HasSubstr("fallback"), testing::HasSubstr("[3, 2]")));
 }
 
 }  // namespace

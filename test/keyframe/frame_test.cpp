@@ -1,12 +1,10 @@
 #include "acmp_mapping/keyframe/frame.h"
 
 #include <cmath>
-#include <limits>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/common/error.h"
 #include "support/error_text.h"
 
 namespace acmp {
@@ -28,24 +26,6 @@ ColorImage MakeColor(int width, int height) {
 }
 
 double Gray(const Rgb& c) { return 0.299 * c.r + 0.587 * c.g + 0.114 * c.b; }
-
-TEST(MakeFrameTest, KeepsSizeAndValuesWithoutLimit) {
-  const ColorImage color = MakeColor(6, 4);
-  const Frame frame = MakeFrame(7, 1.5, color.Clone(), kCamera, RigidTransform::Identity(), {{1, 2, 3}});
-  EXPECT_EQ(frame.id, 7);
-  EXPECT_EQ(frame.stamp_s, 1.5);
-  EXPECT_EQ(frame.camera, kCamera);
-  ASSERT_EQ(frame.landmarks_in_world.size(), 1u);
-  ASSERT_EQ(frame.gray.width(), 6);
-  ASSERT_EQ(frame.gray.height(), 4);
-  for (int row = 0; row < 4; ++row) {
-    for (int col = 0; col < 6; ++col) {
-      EXPECT_EQ(frame.color(col, row).g, color(col, row).g);
-      // 255 * float rounding of three products.
-      EXPECT_NEAR(frame.gray(col, row), Gray(color(col, row)), 1e-3);
-    }
-  }
-}
 
 TEST(MakeFrameTest, AveragesGrayInFloatWhenShrinking) {
   const ColorImage color = MakeColor(6, 4);
@@ -113,49 +93,6 @@ TEST(MakeFrameTest, MaskIsResizedWithTheImageAndLandmarksOnItAreLeftOut) {
   EXPECT_EQ(whole.landmarks_in_world.size(), 3u);
   EXPECT_THAT(ErrorOf([&] { make(0, Mask(4, 6, 255)); }),
               ::testing::AllOf(HasSubstr("mask size 4 x 6"), HasSubstr("6 x 4")));
-}
-
-TEST(MakeFrameTest, RefusesWhatDoesNotFitAndNamesIt) {
-  const auto make = [](int width, int height, const PinholeCamera& camera, int max_size) {
-    return [=] { MakeFrame(42, 0, MakeColor(width, height), camera, RigidTransform::Identity(), {}, {max_size}); };
-  };
-  const std::string size_error = ErrorOf(make(5, 4, kCamera, 0));
-  EXPECT_THAT(size_error, HasSubstr("frame 42"));
-  EXPECT_THAT(size_error, HasSubstr("5 x 4"));
-  EXPECT_THAT(size_error, HasSubstr("6 x 4"));
-  EXPECT_THAT(ErrorOf(make(0, 0, kCamera, 0)), HasSubstr("0 x 0"));
-  PinholeCamera no_focal = kCamera;
-  no_focal.fx = 0;
-  EXPECT_THAT(ErrorOf(make(6, 4, no_focal, 0)), HasSubstr("fx = 0"));
-  EXPECT_THAT(ErrorOf(make(6, 4, kCamera, -1)), HasSubstr("max_size = -1"));
-}
-
-TEST(CheckPoseTest, AcceptsARotationWithinTolerance) {
-  RigidTransform pose(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()));
-  pose.translation() = Eigen::Vector3d(1e6, -3, 0);
-  EXPECT_NO_THROW(CheckPose("pose", pose));
-  pose.linear() *= 1.0004;  // R^T R is off by 0.0008
-  EXPECT_NO_THROW(CheckPose("pose", pose));
-}
-
-TEST(CheckPoseTest, RefusesBadPosesAndNamesThem) {
-  RigidTransform pose = RigidTransform::Identity();
-  pose.linear() *= 1.001;  // R^T R is off by 0.002
-  EXPECT_THAT(ErrorOf([&] { CheckPose("camera 3", pose); }), HasSubstr("camera 3"));
-  EXPECT_THAT(ErrorOf([&] { CheckPose("camera 3", pose); }), HasSubstr("orthonormal"));
-
-  pose = RigidTransform::Identity();
-  pose.linear()(2, 2) = -1;
-  EXPECT_THAT(ErrorOf([&] { CheckPose("pose", pose); }), HasSubstr("reflection"));
-
-  for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity()}) {
-    pose = RigidTransform::Identity();
-    pose.translation().y() = bad;
-    EXPECT_THAT(ErrorOf([&] { CheckPose("pose", pose); }), HasSubstr("not finite"));
-    pose = RigidTransform::Identity();
-    pose.linear()(0, 1) = bad;
-    EXPECT_THROW(CheckPose("pose", pose), InvalidInputError);
-  }
 }
 
 // At every count: a vectorised loop and its remainder are compiled differently.

@@ -12,7 +12,6 @@
 #include "dataset/test_folder.h"
 #include "map/room_keyframes.h"
 #include "support/error_text.h"
-#include "support/file_size_limit.h"
 
 namespace acmp::test {
 namespace {

@@ -3,13 +3,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/mesh/distance_volume.h"
 #include "map/room_keyframes.h"
-#include "support/error_text.h"
 
 namespace acmp::test {
 namespace {
@@ -62,13 +60,6 @@ TEST(MapMeshTest, FarFromTheOriginItIsTheSame) {
     return static_cast<double>(MakeOccupancyMap(store.Placed(), 0.1)->nodes());
   };
   EXPECT_NEAR(cells(far), cells(near), 0.05 * cells(near)) << "the grid lies in another way";
-}
-
-TEST(MapMeshTest, SaysWhatItCannotDo) {
-  MapStore store({100, kVoxel});
-  EXPECT_REFUSED(MakeMapMesh(store, {0, kEnough}), "the map is empty");
-  AddTo(&store, RoomKeyframes(Room(), kVoxel));
-  EXPECT_REFUSED(MakeMapMesh(store, {0, 1000000}), "more than the 1 MB", "the voxel size must be larger");
 }
 
 }  // namespace

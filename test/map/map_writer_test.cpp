@@ -12,7 +12,6 @@
 #include "dataset/test_folder.h"
 #include "support/decimal_comma.h"
 #include "support/error_text.h"
-#include "support/file_size_limit.h"
 
 namespace acmp {
 namespace {

@@ -117,12 +117,6 @@ TEST(OccupancyMapTest, CellsOfTheRoomAreAsTheTrueGeometrySays) {
   EXPECT_EQ(map->At({3.5, 0, 0.4}), Occupancy::kUnknown) << "outside of the room";
 }
 
-TEST(OccupancyMapTest, BadInputIsNamed) {
-  EXPECT_REFUSED(OccupancyMap map(0), "occupancy: resolution = 0");
-  EXPECT_REFUSED(OccupancyMap(0.05).Write("/tmp/never.bt"), "empty");
-  EXPECT_REFUSED(MakeOccupancyMap({}, 0), "empty");
-}
-
 TEST(OccupancyMapTest, WhatIsBeyondOctoMapsReachGetsLargerVoxels) {
   const PlacedKeyframe near = Keyframe(Wall(2.02f));
   PlacedKeyframe far = near;

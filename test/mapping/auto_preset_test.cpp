@@ -23,17 +23,6 @@ std::string Settle(double fixed_ms, double best_ms, double exponent, double inte
   return said;
 }
 
-TEST(AutoPreset, SettingsAreInOrder) {
-  const std::vector<AutoPreset::Setting>& all = AutoPreset::Settings();
-  EXPECT_EQ(all.front().cost, 1);
-  EXPECT_EQ(all.front().size, 1);
-  for (size_t i = 1; i < all.size(); ++i) {
-    EXPECT_LT(all[i].cost, all[i - 1].cost);
-    EXPECT_LE(all[i].size, all[i - 1].size);
-    EXPECT_LE(all[i].max_source_views, all[i - 1].max_source_views);
-  }
-}
-
 TEST(AutoPreset, WaitsUntilItKnowsBothTimes) {
   AutoPreset choice;
   for (int i = 0; i < kEnough; ++i) EXPECT_FALSE(choice.Add(1, std::nullopt));

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <functional>
 #include <future>
 #include <random>
 #include <set>
@@ -21,9 +20,7 @@ namespace acmp {
 namespace {
 
 using testing::Contains;
-using testing::ElementsAre;
 using testing::HasSubstr;
-using testing::IsEmpty;
 using testing::Not;
 using testing::SizeIs;
 
@@ -325,15 +322,6 @@ TEST(DenseMapperOutputsTest, MissingFastMapsAreAProblemAndTheRefinedOnesCome) {
   EXPECT_THAT(failing.harness.said, Contains(HasSubstr("refined 0 ")));
 }
 
-TEST(DenseMapperOutputsTest, HadFastTellsWhetherThereWasACall) {
-  FailingMapper failing(FakeOptions(8, 3));
-  failing.output_engine.fails_download = 1;
-  failing.output_engine.fails_consistency_of = 0;
-  for (int id = 0; id < 3; ++id) failing.harness.mapper.AddKeyframe(WallFrame(id));
-  failing.harness.mapper.Flush();
-  EXPECT_THAT(failing.harness.said, Contains("drop 0 processing_error: no memory for points"));
-}
-
 TEST(OutputQueueTest, SubmitWaitsWhileTooManyAreNotDone) {
   std::promise<void> open;
   const std::shared_future<void> opened = open.get_future().share();
@@ -351,11 +339,6 @@ TEST(OutputQueueTest, SubmitWaitsWhileTooManyAreNotDone) {
   has_returned = true;
   opener.join();
   EXPECT_FALSE(had_returned_when_opened);
-}
-
-TEST(DenseMapperOutputsTest, NeedAnEngineOfTheirOwn) {
-  WallEngine engine;
-  EXPECT_THROW(DenseMapper(&engine, FakeOptions(8, 3), {}, &engine), InvalidInputError);
 }
 
 }  // namespace

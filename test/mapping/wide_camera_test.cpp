@@ -12,7 +12,7 @@
 #include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
-#include "support/solid_angle.h"
+#include "support/lens.h"
 
 namespace acmp {
 namespace {

@@ -72,19 +72,5 @@ TEST(SplatPoints, LeavesOutWhatNoCameraSees) {
   EXPECT_NEAR(maps.depth(0, 0), 1, 1e-6);
 }
 
-TEST(SplatPoints, MakeAMesh) {
-  DistanceVolume volume({kSpacing, 1000000000, 0});
-  for (const SurfaceMaps& view : SeeSphereFromAround()) {
-    volume.Integrate(SplatPoints(PointsOf(view), view.camera.cam_from_world.inverse(), kSpacing).View());
-  }
-  const TriangleMesh mesh = volume.ExtractMesh();
-  ASSERT_GT(mesh.vertices.size(), 5000u);
-  size_t near = 0;
-  for (const SurfacePoint& vertex : mesh.vertices) {
-    near += std::abs(Position(vertex).norm() - kSphereRadius) < 0.25 * kSpacing ? 1 : 0;
-  }
-  EXPECT_GT(static_cast<double>(near), 0.9 * static_cast<double>(mesh.vertices.size()));
-}
-
 }  // namespace
 }  // namespace acmp::test

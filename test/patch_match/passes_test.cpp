@@ -14,8 +14,6 @@
 namespace acmp {
 namespace {
 
-using ::testing::HasSubstr;
-
 constexpr float kMaxPhotometric = 2.0f;
 constexpr float kMaxGeometric = 2.6f;  // 2 + 0.2 * min(error, 3)
 constexpr DepthRange kRange = {1, 10};
@@ -211,36 +209,6 @@ TEST_P(PassesTest, EstimatesOfALevelGuideTheNextFinerOne) {
             0.9 * ShareWithin(engine_->DownloadDepth(full[0]), rendered[0].depth, 0.05))
       << "on a plane the coarser scale is not much worse";
   EXPECT_THROW(engine_->RestoreDetails(problem_of(0, {}), options, full[0], full[0]), InvalidInputError);
-}
-
-TEST_P(PassesTest, BadInputIsRefusedAndLeavesTheEngineUsable) {
-  const std::vector<PlanarView> views = RandomViews(3, 33, 27, 18);
-  const EngineProblem problem = Problem(views);
-  const EngineEstimatePtr start = engine_->RunPhotometric(problem, {}, 0);
-  const auto expect_refused = [&](const EngineProblem& bad, const PatchMatchOptions& options) {
-    EXPECT_THROW(engine_->RunPhotometric(bad, options, 0), InvalidInputError);
-    EXPECT_THROW(engine_->RunPlanarPrior(bad, options, start, {}), InvalidInputError);
-    EXPECT_THROW(engine_->RunGeometric(bad, options, start, 0), InvalidInputError);
-  };
-  EngineProblem bad_range = problem;
-  bad_range.depth_range = {5, 5};
-  expect_refused(bad_range, {});
-  PatchMatchOptions bad_options;
-  bad_options.view_draws = 0;
-  expect_refused(problem, bad_options);
-  for (const EngineEstimatePtr& bad : {EngineEstimatePtr(), UploadDepth(views[1], engine_.get())}) {
-    EXPECT_THROW(engine_->RunPlanarPrior(problem, {}, bad, {}), InvalidInputError) << "null and of another size";
-    EXPECT_THROW(engine_->RunGeometric(problem, {}, bad, 0), InvalidInputError);
-  }
-  EXPECT_TRUE(Same(start, engine_->RunPhotometric(problem, {}, 0)));
-}
-
-TEST_P(PassesTest, ReportsTimeAndName) {
-  EXPECT_EQ(engine_->PopDeviceTime(), 0);
-  engine_->RunPhotometric(Problem(RandomViews(2, 33, 27, 20)), {}, 0);
-  EXPECT_GT(engine_->PopDeviceTime(), 0);
-  EXPECT_EQ(engine_->PopDeviceTime(), 0);
-  EXPECT_THAT(engine_->device_name(), HasSubstr(GetParam() == Device::kCuda ? "cuda:0" : "cpu ("));
 }
 
 }  // namespace

@@ -66,14 +66,6 @@ Compared CompareCosts(const std::vector<PlanarView>& views, int trials, double m
   return compared;
 }
 
-TEST(PhotometricCostTest, AgreesWithTheReferenceOnRandomImages) {
-  // A sample's position is off by up to 1e-4 px where the window is seen at a grazing angle; at gradients of up to
-  // 100 grey levels per px that is 1e-2 of a standard deviation of about 20.
-  const Compared compared = CompareCosts(RandomViews(5, 65, 49, 4), 20000, 80, 5e-4);
-  EXPECT_GT(compared[static_cast<size_t>(CostKind::kMatched)], 10000);
-  EXPECT_GT(compared[static_cast<size_t>(CostKind::kNoCorrespondence)], 500);
-}
-
 TEST(PhotometricCostTest, EveryPixelOfSmallAndOddImages) {
   for (const auto& [width, height] : {std::pair(1, 1), {2, 2}, {3, 9}, {11, 11}, {7, 1}, {12, 5}, {17, 13}}) {
     std::vector<PlanarView> views = RandomViews(4, 21, 19, 6);
@@ -129,16 +121,6 @@ TEST(PhotometricCostTest, PointsBehindOrOutsideTheSourceAreWorst) {
   views[3].cam_from_world = LookAhead({0.1, 0, 0}, 90, 0, 0);   // looks aside
   views[4].cam_from_world = LookAhead({30, 0, 0}, 0, 0, 0);     // too far to the side to overlap
   EXPECT_GT(CompareCosts(views, 4000, 40, 0)[static_cast<size_t>(CostKind::kNoCorrespondence)], 3990);
-}
-
-TEST(PhotometricCostTest, DegeneratePlanesGiveACost) {
-  const std::vector<PlanarView> views = RandomViews(2, 33, 27, 23);
-  KernelState state(MakeProblem(views, 0, {1, 10}));
-  for (const PlaneHypothesis& plane :
-       {PlaneHypothesis{}, {0, 0, -1, 0}, {1, 0, 0, 1e-30f}, {0, 0, -1, 1e30f}, {0, 0, -1, 1e-42f}, {0, 0, 1, 3}}) {
-    const float cost = KernelCost(&state, plane, 16, 13, 0);
-    EXPECT_TRUE(cost >= 0 && cost <= 2) << cost;
-  }
 }
 
 // Where the geometric error is not what papers_test.cpp compares: the ends of what sources see.

@@ -72,23 +72,6 @@ TEST(WindowSumsTest, AreTheSameBitsOnEveryInstructionSet) {
   }
 }
 
-TEST(WindowSumsTest, OfConstantImagesAreExact) {
-  // What keeps flat source windows flat.
-  const GrayImage image(9, 7, 123.456f);
-  const ImageView<const float> view = image.View();
-  TestRandom random(5);
-  for (const WindowFunctions& set : SupportedWindowFunctions()) {
-    for (int i = 0; i < 500; ++i) {
-      ReferencePatch patch = RandomPatch(&random);
-      patch.center = 123.456f;
-      const WindowSums sums = set.sum_window(view, RandomWarp(9, 7, &random), patch);
-      ASSERT_EQ(sums.ws, 0);
-      ASSERT_EQ(sums.wss, 0);
-      ASSERT_EQ(sums.wrs, 0);
-    }
-  }
-}
-
 TEST(CpuPatchTest, IsTheSameBitsOnEveryInstructionSet) {
   const std::vector<WindowFunctions> sets = SupportedWindowFunctions();
   for (const auto& [width, height] : kSizes) {

@@ -8,7 +8,6 @@
 #include <limits>
 
 #include "planar_prior/random_points.h"
-#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -72,14 +71,6 @@ TEST(FindSupportPoints, AgreesWithExhaustiveSearch) {
       EXPECT_EQ(points[i].depth, expected[i].depth);
     }
   }
-}
-
-TEST(FindSupportPoints, RefusesUnequalSizesAndBadRanges) {
-  DepthMap depth(4, 3, 2.0f);
-  CostMap cost(3, 4, 0.0f);
-  EXPECT_THAT(ErrorOf([&] { Find(depth, cost); }), testing::HasSubstr("3 x 4"));
-  EXPECT_THROW(Find(depth, depth, {}, {2, 1}), InvalidInputError);
-  EXPECT_TRUE(Find({}, {}).empty());
 }
 
 /// Depth of n.X = -d at a pixel, in double.
@@ -172,24 +163,6 @@ TEST(PlanarPrior, RejectsPixelsWhereThePlaneLeavesTheRange) {
   }
   EXPECT_GT(inside, 1000);
   EXPECT_LT(inside, 119 * 89 - 1000);
-}
-
-TEST(PlanarPrior, RefusesBadInput) {
-  const std::vector<SupportTriangle> triangle = {{{0, 1, 2}}};
-  const auto error = [&](float depth) {
-    return ErrorOf([&] {
-      MakePlanarPrior(kCamera, {{20, 20, 4}, {60, 20, depth}, {20, 60, 4}}, triangle, kRange, {});
-    });
-  };
-  EXPECT_EQ(error(4), "no error");
-  for (const float depth : {0.0f, -1.0f, kNan, std::numeric_limits<float>::infinity()}) {
-    EXPECT_THAT(error(depth), testing::HasSubstr("(60, 20)"));
-  }
-  EXPECT_THROW(MakePlanarPrior(PinholeCamera(), {}, {}, kRange, {}), InvalidInputError);
-  EXPECT_THROW(MakePlanarPrior(kCamera, {}, {}, {0, 1}, {}), InvalidInputError);
-  PriorMesh mesh = MakePriorMesh(kCamera, {{20, 20, 4}, {60, 20, 4}, {20, 60, 4}}, triangle, {});
-  mesh.planes.clear();
-  EXPECT_THAT(ErrorOf([&] { RasterizePrior(kCamera, mesh, kRange); }), testing::HasSubstr("planes of the prior = 0"));
 }
 
 }  // namespace

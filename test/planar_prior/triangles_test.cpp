@@ -13,71 +13,6 @@
 namespace acmp {
 namespace {
 
-/// Twice the signed area of (a, b, c), positive when they turn from the column axis towards the row axis.
-long long DoubledArea(const SupportPoint& a, const SupportPoint& b, const SupportPoint& c) {
-  return static_cast<long long>(b.col - a.col) * (c.row - a.row) -
-         static_cast<long long>(c.col - a.col) * (b.row - a.row);
-}
-
-__extension__ using Wide = __int128;
-
-/// > 0 if d lies inside the circle through a, b, c of positive area. Exact.
-Wide InCircle(const SupportPoint& a, const SupportPoint& b, const SupportPoint& c, const SupportPoint& d) {
-  const Wide ax = a.col - d.col, ay = a.row - d.row;
-  const Wide bx = b.col - d.col, by = b.row - d.row;
-  const Wide cx = c.col - d.col, cy = c.row - d.row;
-  const Wide a2 = ax * ax + ay * ay, b2 = bx * bx + by * by, c2 = cx * cx + cy * cy;
-  return ax * (by * c2 - b2 * cy) - ay * (bx * c2 - b2 * cx) + a2 * (bx * cy - by * cx);
-}
-
-/// Twice the area of the convex hull, by Andrew's monotone chain.
-long long DoubledHullArea(std::vector<SupportPoint> points) {
-  std::sort(points.begin(), points.end(), [](const SupportPoint& a, const SupportPoint& b) {
-    return std::make_pair(a.col, a.row) < std::make_pair(b.col, b.row);
-  });
-  long long area = 0;
-  for (int side = 0; side < 2; ++side) {
-    std::vector<SupportPoint> chain;
-    for (const SupportPoint& point : points) {
-      while (chain.size() >= 2 && DoubledArea(chain[chain.size() - 2], chain.back(), point) <= 0) chain.pop_back();
-      chain.push_back(point);
-    }
-    for (size_t i = 1; i < chain.size(); ++i) area += DoubledArea(points.front(), chain[i - 1], chain[i]);
-    std::reverse(points.begin(), points.end());
-  }
-  return area;
-}
-
-/// Checks that the triangles are non-degenerate, turn the same way, tile the hull and have empty circumcircles.
-void ExpectDelaunay(const std::vector<SupportPoint>& points) {
-  const std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points);
-  long long area = 0;
-  for (const SupportTriangle& triangle : triangles) {
-    const SupportPoint& a = points[triangle.vertex[0]];
-    const SupportPoint& b = points[triangle.vertex[1]];
-    const SupportPoint& c = points[triangle.vertex[2]];
-    ASSERT_GT(DoubledArea(a, b, c), 0);
-    area += DoubledArea(a, b, c);
-    for (const SupportPoint& d : points) ASSERT_TRUE(InCircle(a, b, c, d) <= 0);
-  }
-  // Interiors of Delaunay triangles cannot overlap (their circumcircles are empty), so equal areas mean a tiling.
-  EXPECT_EQ(area, DoubledHullArea(points));
-}
-
-TEST(TriangulateSupportPoints, IsDelaunayForRandomPoints) {
-  for (unsigned seed = 0; seed < 20; ++seed)
-    ExpectDelaunay(RandomPoints(97, 61, 3 + 15 * static_cast<int>(seed), seed));
-}
-
-TEST(TriangulateSupportPoints, IsDelaunayForFullGridsWhereAllQuadsAreCocircular) {
-  std::vector<SupportPoint> points;
-  for (int row = 0; row < 9; ++row) {
-    for (int col = 0; col < 12; ++col) points.push_back({5 * col, 5 * row, 1.0f});
-  }
-  ExpectDelaunay(points);
-  EXPECT_EQ(TriangulateSupportPoints(points).size(), 2u * 8 * 11);
-}
-
 TEST(TriangulateSupportPoints, RefusesPointsThatAreTooFarApart) {
   constexpr int kFar = 32768;
   for (const SupportPoint& far : {SupportPoint{3 + kFar, 4, 1.0f}, {3 - kFar, 4, 1.0f}, {3, 4 + kFar, 1.0f}}) {
@@ -181,14 +116,6 @@ TEST(RasterizeTriangles, IsExactAtTheLargestCoordinates) {
   for (int row = 0; row < 50; ++row) {
     for (int col = 0; col < 50; ++col) ASSERT_EQ(ids(col, row), col >= row ? 0 : 1) << col << ", " << row;
   }
-}
-
-TEST(RasterizeTriangles, RefusesBadIndicesAndCoordinates) {
-  const std::vector<SupportPoint> points = {{0, 0, 1}, {9, 0, 1}, {0, (1 << 28) + 1, 1}};
-  EXPECT_THROW(RasterizeTriangles(9, 9, points, {{{0, 1, 3}}}), InvalidInputError);
-  EXPECT_THROW(RasterizeTriangles(9, 9, points, {{{0, -1, 1}}}), InvalidInputError);
-  EXPECT_THROW(RasterizeTriangles(9, 9, points, {{{0, 1, 2}}}), InvalidInputError);
-  EXPECT_THROW(RasterizeTriangles(-1, 9, points, {}), InvalidInputError);
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """The ROS master is killed while mapper and map are loaded, and another one started: the map must be kept, found and
-extended. Usage: master_restart_test.py SOURCE_FOLDER BUILD_FOLDER"""
+extended. Usage: master_restart_test.py SOURCE_FOLDER"""
 import os
 import signal
 import subprocess
@@ -9,15 +9,14 @@ import tempfile
 import xmlrpc.client
 from pathlib import Path
 
-SOURCE, BUILD = (Path(argument) for argument in sys.argv[1:3])
-sys.path.insert(0, str(SOURCE / "scripts"))
+sys.path.insert(0, str(Path(sys.argv[1]) / "scripts"))
 from nodelet_session import (  # noqa: E402  pylint: disable=wrong-import-position
     Session, make_bag, save_map, start_master, wait_for)
 
 
 def main():
     with tempfile.TemporaryDirectory() as folder, Session(folder) as session:
-        bag = make_bag(BUILD, f"{folder}/room.bag")
+        bag = make_bag(f"{folder}/room.bag")
         first = session.map_bag(bag)
         # The watch reads what is registered every few seconds: it must have seen all of it once.
         wait_for(lambda: "/map_server/save_map" in subprocess.run(

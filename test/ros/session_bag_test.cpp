@@ -19,7 +19,6 @@
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "dataset/test_folder.h"
 #include "map/room_keyframes.h"
-#include "support/file_size_limit.h"
 
 namespace acmp::test {
 namespace {

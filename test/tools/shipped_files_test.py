@@ -365,7 +365,7 @@ class PackageXml(unittest.TestCase):
 
     def test_libraries_that_cmake_finds(self):
         keys = {"CGAL": "cgal", "CLI11": "cli11", "Ceres": "libceres-dev", "Eigen3": "eigen", "GTest": "gtest",
-                "JPEG": "libjpeg", "octomap": "octomap", "OpenCV": "libopencv-dev", "PCL": "libpcl-all-dev", "PNG": "libpng-dev", "TBB": "tbb",
+                "octomap": "octomap", "OpenCV": "libopencv-dev", "PCL": "libpcl-all-dev", "PNG": "libpng-dev", "TBB": "tbb",
                 "ZLIB": "zlib", "yaml-cpp": "yaml-cpp",
                 "nanoflann": "libnanoflann-dev", "nlohmann_json": "nlohmann-json-dev",
                 "pcl_conversions": "pcl_conversions", "Python": "python3-dev", "pybind11": "pybind11-dev",

@@ -36,7 +36,7 @@ Image<uint16_t> DecodePng16(const std::string& name, std::string_view content);
 /// Whether DecodePng16 takes it.
 bool IsPng16(std::string_view content);
 
-/// Content of a JPEG file (quality 98, colour at full resolution); ProcessingError when libjpeg cannot make one. `path`
+/// Content of a JPEG file (quality 98, colour at full resolution); ProcessingError when it cannot be made. `path`
 /// is for messages.
 std::string EncodeJpeg(const std::filesystem::path& path, const ColorImage& image);
 
