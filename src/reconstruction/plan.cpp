@@ -8,6 +8,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/fusion/depth_fusion.h"
 #include "acmp_mapping/geometry/local_origin.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 
@@ -182,6 +183,7 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
     if (left_out > 0) image.no_map += Concat("; ", left_out, " of the scene's for it are not among --images");
   }
   CheckSomeImageGetsAMap(plan, scene);
+  CheckRange("number of images to fuse", static_cast<int>(plan.WithMap().size()), 1, kMaxFusionViews);
   return plan;
 }
 
