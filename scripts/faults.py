@@ -2,7 +2,7 @@
 """Puts the nodelets to faults, each in a session of its own, and prints a table: fault, what was seen, ok or not. Fails when
 one is not ok. "soak" plays a bag in a loop: memory, file handles and threads must not go on growing.
 
-    source scripts/ros_environment.sh $PWD/build; scripts/faults.py                  # all, two hours
+    source scripts/ros_environment.sh $PWD/build; scripts/faults.py                  # all, 70 minutes
     scripts/faults.py "wild messages" soak --seconds 300 --minutes 10"""
 import argparse
 import math

@@ -438,7 +438,7 @@ struct DenseMapper::Impl {
   std::optional<int64_t> last_id;
   bool is_admitted = false;   ///< the last capture: it is in the window
   bool contradicted = false;  ///< received poses, by the images
-  MapperOutputs outputs;      ///< last: its thread is gone before what is above
+  MapperOutputs outputs;      ///< last: its jobs are done before what is above goes
 };
 
 DenseMapper::DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks,

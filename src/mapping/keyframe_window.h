@@ -81,7 +81,7 @@ struct WindowKeyframe {
   double initial_score = 0;             ///< of the views of its initial estimate
   std::optional<double> refined_score;  ///< of the views of its refined maps; none: there are none
 
-  // Of the thread of outputs.
+  // Of the outputs alone.
   bool had_fast = false;     ///< its on_fast was called
   bool had_refined = false;  ///< its on_refined was called
 

@@ -128,8 +128,7 @@ OptionList OptionsOf(ReconstructOptions* o) {
             "Stages that standard input names, each in a line: STAGE IMAGES, as step_0 0-15, or finish. Answers in\n"
             "a line on standard output: STAGE IMAGES: done, or STAGE IMAGES: exit code N: message. A stage that\n"
             "fails does not end it. Quicker than a process for each: GPUs start once, images stay at hand");
-  list.Number("--chunk-images", &o->chunk_images, 1, 65534, "",  // a stamp each, and one for earlier chunks
-              "Images of the scene that make a chunk, for --plan");
+  list.Number("--chunk-images", &o->chunk_images, 1, 65534, "", "Images of the scene that make a chunk, for --plan");
   return list;
 }
 

@@ -75,9 +75,8 @@ class DenseMapper {
   /// @param output_engine shares handles with `engine` (DepthEngine::Share) and outlives the mapper; null: outputs are
   ///   made by `engine`, inside the mapper's methods
   /// @param stop outlives the mapper; null: nobody stops it. Once requested, by any thread, methods return soon, on a
-  /// CPU
-  ///   within a pass, and leave what they have not done. Then the mapper is good for Reset only, and after that and
-  ///   StopRequest::Clear for all again
+  ///   CPU within a pass, and leave what they have not done. Then the mapper is good for Reset only, and after that
+  ///   and StopRequest::Clear for all again
   DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks,
               DepthEngine* output_engine = nullptr, StopRequest* stop = nullptr);
   /// Forgets what is unfinished without a callback: Flush or Reset first if it must be accounted for. Waits for a

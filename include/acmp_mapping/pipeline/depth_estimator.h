@@ -36,8 +36,7 @@ class DepthEstimator {
 
   /// Does one step and returns the estimate it makes of the reference.
   /// @param problem the reference's estimate is that of the step before, not read by the first one; if nobody else
-  /// holds
-  ///   it, its memory is reused. The sources' estimates are read as they are; those without one take no part
+  ///   holds it, its memory is reused. The sources' estimates are read as they are; those without one take no part
   EngineEstimatePtr Run(const KeyframeStep& step, EngineProblem problem);
 
   /// Of the last step.

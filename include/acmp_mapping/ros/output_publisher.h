@@ -23,8 +23,8 @@ namespace acmp {
 
 /// Publishes what a DenseMapper's callbacks bring, and counts it. A message is only made when somebody listens: images
 /// of the newest refined keyframe also for who comes later. (These topics are latched, too, but a latch has what was
-/// last sent to anybody, and comes before it.) Callbacks come one at a time, in the mapper's thread for outputs; all
-/// else may be called by any thread.
+/// last sent to anybody, and comes before it.) Callbacks come one at a time, beside the mapper's thread; all else may
+/// be called by any thread.
 class OutputPublisher {
  public:
   /// @param mapper name of the mapper's node, for the map
