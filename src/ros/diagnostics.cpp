@@ -94,7 +94,9 @@ std::string DescribeCameraErrors(const CameraErrors& errors, const CameraCalibra
   if (std::abs(corner_px) < kClear * width) return "";
   const LensDistortion found = WithRadialDistortion(calibration.MakeLens(), errors.k1, errors.k2);
   std::string coefficients;
-  for (double value : found.coefficients) coefficients += Concat(coefficients.empty() ? "" : ", ", value);
+  for (double value : found.coefficients) {
+    coefficients += Concat(coefficients.empty() ? "" : ", ", std::round(value * 1e6) / 1e6);
+  }
   return Concat("the calibration leaves radial distortion of ", std::round(corner_px * 10) / 10, " px of ", width,
                 " at the corners (and rows are read out in ", std::lround(errors.readout * 1e3),
                 " ms): depth gets better with the distortion coefficients [", coefficients,
