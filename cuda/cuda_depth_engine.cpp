@@ -25,7 +25,7 @@ namespace {
 /// one call at a time, and only grow.
 class CudaDepthEngine final : public DepthEngine {
  public:
-  explicit CudaDepthEngine(CudaDevicePtr device) : device_(std::move(device)), stream_(device_->share()) {}
+  explicit CudaDepthEngine(CudaDevicePtr device) : device_(std::move(device)) {}
 
   std::unique_ptr<DepthEngine> Share() override {
     device_->MakeCurrent();
@@ -39,10 +39,7 @@ class CudaDepthEngine final : public DepthEngine {
     return free;
   }
   std::string device_name() const override {
-    const int all = device_->properties().multiProcessorCount;
-    const std::string share =
-        device_->share() == nullptr ? "" : Concat(", ", device_->multiprocessors(), " of ", all, " multiprocessors");
-    return Concat(device_->properties().name, " (cuda:", device_->index(), share, ")");
+    return Concat(device_->properties().name, " (cuda:", device_->index(), ")");
   }
   double PopDeviceTime() override { return std::exchange(counted_ms_, 0.0); }
 
@@ -641,8 +638,8 @@ class CudaDepthEngine final : public DepthEngine {
 
 }  // namespace
 
-std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int cuda_index, int multiprocessors) {
-  return std::make_unique<CudaDepthEngine>(std::make_shared<CudaDevice>(cuda_index, multiprocessors));
+std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int cuda_index) {
+  return std::make_unique<CudaDepthEngine>(std::make_shared<CudaDevice>(cuda_index));
 }
 
 }  // namespace acmp
