@@ -90,7 +90,7 @@ class CudaDepthEngine final : public DepthEngine {
       const PriorTriangles triangles = {triangles_.data(), planes_.data(), num_triangles_};
       if (pass.prior != nullptr) {
         context.selected_views.data = selected_views.data();
-        context.prior = {{planes_.data(), num_triangles_, 1, num_triangles_}, estimate->NumbersView()};
+        context.prior = {planes_.data(), estimate->NumbersView()};
       }
       StartClock();
       if (pass.prior != nullptr) {
@@ -469,11 +469,7 @@ class CudaDepthEngine final : public DepthEngine {
     auto* corners = reinterpret_cast<TriangleCorners*>(planes + count);
     tbb::parallel_for(size_t{0}, count, [&](size_t i) {
       planes[i] = mesh.planes[i];
-      for (int k = 0; k < 3; ++k) {
-        const SupportPoint& point = mesh.points[static_cast<size_t>(mesh.triangles[i].vertex[k])];
-        corners[i].col[k] = point.col;
-        corners[i].row[k] = point.row;
-      }
+      corners[i] = mesh.triangles[i];
     });
     planes_.Upload(planes, count, stream_);
     triangles_.Upload(corners, count, stream_);
