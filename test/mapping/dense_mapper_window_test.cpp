@@ -13,7 +13,6 @@ namespace acmp {
 namespace {
 
 using ::testing::AllOf;
-using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -92,8 +91,8 @@ TEST(DenseMapperIdTest, MustAscend) {
     }
   }
   EXPECT_THROW(harness.mapper.AddKeyframe(nullptr), InvalidInputError);
-  harness.Add(WallFrame(100));
-  EXPECT_THAT(harness.Add(WallFrame(101)), ElementsAre("fast 5", "fast 100", "fast 101"));
+  harness.Add(WallFrame(100, 2.1));
+  EXPECT_THAT(harness.Add(WallFrame(101, 2.45)), ElementsAre("fast 5", "fast 100", "fast 101", "refined 5"));
 }
 
 TEST(DenseMapperIdenticalPosesTest, DropsWithTheReasonWhenTheyLeaveTheWindow) {
