@@ -25,7 +25,7 @@ namespace {
 /// one call at a time, and only grow.
 class CudaDepthEngine final : public DepthEngine {
  public:
-  explicit CudaDepthEngine(CudaDevicePtr device) : device_(std::move(device)), stream_(device_->share()) {}
+  explicit CudaDepthEngine(CudaDevicePtr device) : device_(std::move(device)) {}
 
   std::unique_ptr<DepthEngine> Share() override {
     device_->MakeCurrent();
@@ -39,10 +39,7 @@ class CudaDepthEngine final : public DepthEngine {
     return free;
   }
   std::string device_name() const override {
-    const int all = device_->properties().multiProcessorCount;
-    const std::string share =
-        device_->share() == nullptr ? "" : Concat(", ", device_->multiprocessors(), " of ", all, " multiprocessors");
-    return Concat(device_->properties().name, " (cuda:", device_->index(), share, ")");
+    return Concat(device_->properties().name, " (cuda:", device_->index(), ")");
   }
   double PopDeviceTime() override { return std::exchange(counted_ms_, 0.0); }
 
@@ -93,7 +90,7 @@ class CudaDepthEngine final : public DepthEngine {
       const PriorTriangles triangles = {triangles_.data(), planes_.data(), num_triangles_};
       if (pass.prior != nullptr) {
         context.selected_views.data = selected_views.data();
-        context.prior = {{planes_.data(), num_triangles_, 1, num_triangles_}, estimate->NumbersView()};
+        context.prior = {planes_.data(), estimate->NumbersView()};
       }
       StartClock();
       if (pass.prior != nullptr) {
@@ -472,11 +469,7 @@ class CudaDepthEngine final : public DepthEngine {
     auto* corners = reinterpret_cast<TriangleCorners*>(planes + count);
     tbb::parallel_for(size_t{0}, count, [&](size_t i) {
       planes[i] = mesh.planes[i];
-      for (int k = 0; k < 3; ++k) {
-        const SupportPoint& point = mesh.points[static_cast<size_t>(mesh.triangles[i].vertex[k])];
-        corners[i].col[k] = point.col;
-        corners[i].row[k] = point.row;
-      }
+      corners[i] = mesh.triangles[i];
     });
     planes_.Upload(planes, count, stream_);
     triangles_.Upload(corners, count, stream_);
@@ -641,8 +634,8 @@ class CudaDepthEngine final : public DepthEngine {
 
 }  // namespace
 
-std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int cuda_index, int multiprocessors) {
-  return std::make_unique<CudaDepthEngine>(std::make_shared<CudaDevice>(cuda_index, multiprocessors));
+std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int cuda_index) {
+  return std::make_unique<CudaDepthEngine>(std::make_shared<CudaDevice>(cuda_index));
 }
 
 }  // namespace acmp

@@ -49,7 +49,7 @@ std::string ForbiddenDeviceFile(const std::string& folder) {
   return "";
 }
 
-CudaDevice::CudaDevice(int index, int multiprocessors) : index_(index) {
+CudaDevice::CudaDevice(int index) : index_(index) {
   int count = 0;
   const cudaError_t status = cudaGetDeviceCount(&count);
   if (status != cudaSuccess) {
@@ -73,7 +73,6 @@ CudaDevice::CudaDevice(int index, int multiprocessors) : index_(index) {
                                    "); configure with -DACMP_CUDA_ARCHITECTURES=", properties_.major,
                                    properties_.minor));
   }
-  if (multiprocessors != 0) share_ = std::make_unique<MultiprocessorShare>(index, multiprocessors);
   memory_stream_ = std::make_unique<CudaStream>();
   cudaMemPoolProps pool = {};
   pool.allocType = cudaMemAllocationTypePinned;
@@ -94,7 +93,7 @@ void CudaDevice::MakeCurrent() const { CudaCheck(cudaSetDevice(index_), "select 
 std::unique_lock<std::mutex> CudaDevice::PassTurn(size_t pixels) {
   // 8 threads per pixel of one colour: some 40 times what a multiprocessor holds at once.
   constexpr size_t kManyPixels = 8192;  // per multiprocessor
-  if (pixels < kManyPixels * static_cast<size_t>(multiprocessors())) return {};
+  if (pixels < kManyPixels * static_cast<size_t>(properties_.multiProcessorCount)) return {};
   return std::unique_lock<std::mutex>(pass_turn_);
 }
 

@@ -18,18 +18,14 @@ namespace acmp {
 /// What all that work on one GPU share: its memory and its images. Outlives everything that was made with it.
 class CudaDevice {
  public:
-  /// @param multiprocessors how many of them passes may use; 0: all
   /// Throws InvalidInputError that says what is missing: driver, device, or code for its architecture.
-  explicit CudaDevice(int index, int multiprocessors = 0);
+  explicit CudaDevice(int index);
   ~CudaDevice();
   CudaDevice(const CudaDevice&) = delete;
   CudaDevice& operator=(const CudaDevice&) = delete;
 
   int index() const { return index_; }
   const cudaDeviceProp& properties() const { return properties_; }
-  int multiprocessors() const { return share_ ? share_->count() : properties_.multiProcessorCount; }
-  /// For the streams of those who work on the device; null where they may use all of it.
-  const MultiprocessorShare* share() const { return share_.get(); }
   /// Selects the device for the calling thread.
   void MakeCurrent() const;
 
@@ -54,7 +50,6 @@ class CudaDevice {
  private:
   const int index_;
   cudaDeviceProp properties_ = {};
-  std::unique_ptr<MultiprocessorShare> share_;
   cudaMemPool_t pool_ = nullptr;
   std::unique_ptr<CudaStream> memory_stream_;  ///< on which memory changes hands
   std::shared_mutex images_mutex_;

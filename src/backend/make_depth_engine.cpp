@@ -5,7 +5,7 @@
 
 namespace acmp {
 #ifndef ACMP_HAVE_CUDA
-std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int /*cuda_index*/, int /*multiprocessors*/) {
+std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int /*cuda_index*/) {
   throw InvalidInputError("this build has no CUDA backend (configure with -DACMP_CUDA=ON)");
 }
 #endif
@@ -17,11 +17,11 @@ Device ParseDevice(const std::string& name) {
   throw InvalidInputError(Concat("device = \"", name, "\": must be auto, cuda or cpu"));
 }
 
-DepthEngineBackend MakeDepthEngine(Device device, int cuda_index, int multiprocessors) {
+DepthEngineBackend MakeDepthEngine(Device device, int cuda_index) {
   DepthEngineBackend backend;
   if (device != Device::kCpu) {
     try {
-      backend.engine = MakeDepthEngineCuda(cuda_index, multiprocessors);
+      backend.engine = MakeDepthEngineCuda(cuda_index);
       return backend;
     } catch (const std::runtime_error& error) {
       if (device == Device::kCuda) throw InvalidInputError(Concat("device = cuda: ", error.what()));

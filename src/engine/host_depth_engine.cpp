@@ -138,12 +138,16 @@ EngineEstimatePtr HostDepthEngine::RunPass(const EngineProblem& problem, const P
   const int level = is_geometric ? LevelOfEstimate(problem, pass.start) : pass.level;
   const PatchMatchProblem match = MakeProblem(problem, level, is_geometric);
   const PinholeCamera& camera = match.reference.camera;
-  PlaneMap prior;
-  if (pass.kind == Pass::kPlanarPrior) prior = RasterizePrior(camera, *pass.prior, match.depth_range);
+  Image<uint32_t> numbers;
+  PriorMap prior;
+  if (pass.kind == Pass::kPlanarPrior) {
+    numbers = RasterizePrior(camera, *pass.prior, match.depth_range);
+    prior = {pass.prior->planes.data(), numbers.View()};
+  }
   return Keep(camera, [&] {
     EstimateState start;
     if (pass.kind != Pass::kPhotometric) start = MakeStart(pass.start);
-    return acmp::RunPass(match, options, pass.kind, std::move(start), prior.View(), pass.geometric_pass);
+    return acmp::RunPass(match, options, pass.kind, std::move(start), prior, pass.geometric_pass);
   });
 }
 

@@ -24,11 +24,6 @@ octomap::point3d ToPoint(const Eigen::Vector3d& p) {
   return {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())};
 }
 
-Occupancy OccupancyOf(const octomap::OcTree& tree, const octomap::OcTreeNode* node) {
-  if (!node) return Occupancy::kUnknown;
-  return tree.isNodeOccupied(node) ? Occupancy::kOccupied : Occupancy::kFree;
-}
-
 }  // namespace
 
 struct OccupancyMap::Tree : octomap::OcTree {
@@ -99,11 +94,6 @@ bool OccupancyMap::Insert(const std::vector<PlacedKeyframe>& keyframes) {
   return size[0] / resolution_ * (size[1] / resolution_) <= static_cast<double>(limits_.max_bytes / kCellBytes);
 }
 
-Occupancy OccupancyMap::At(const Eigen::Vector3d& point_in_world) const {
-  const bool in_reach = point_in_world.cwiseAbs().maxCoeff() < kMaxVoxelsFromOrigin * resolution_;
-  return in_reach ? OccupancyOf(*tree_, tree_->search(ToPoint(point_in_world))) : Occupancy::kUnknown;
-}
-
 OccupancySlice OccupancyMap::Slice(double min_height, double max_height) const {
   if (!(min_height < max_height)) {
     throw InvalidInputError(
@@ -134,9 +124,11 @@ OccupancySlice OccupancyMap::Slice(double min_height, double max_height) const {
   for (auto leaf = tree_->begin_leafs_bbx(key, top_key), end = tree_->end_leafs_bbx(); leaf != end; ++leaf) {
     const octomap::OcTreeKey at = leaf.getKey();
     const size_t cell = static_cast<size_t>(at[1] - key[1]) * static_cast<size_t>(slice.width) + at[0] - key[0];
-    const Occupancy voxel = OccupancyOf(*tree_, &*leaf);
-    if (voxel == Occupancy::kOccupied) slice.cells[cell] = voxel;
-    if (voxel == Occupancy::kFree && ++free[cell] == column) slice.cells[cell] = voxel;
+    if (tree_->isNodeOccupied(*leaf)) {
+      slice.cells[cell] = Occupancy::kOccupied;
+    } else if (++free[cell] == column) {
+      slice.cells[cell] = Occupancy::kFree;
+    }
   }
   return slice;
 }

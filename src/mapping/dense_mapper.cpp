@@ -462,8 +462,6 @@ void DenseMapper::AddCapture(const Capture& capture) { impl_->Add(capture); }
 
 void DenseMapper::AddKeyframe(FramePtr frame) { AddCapture({{std::move(frame)}, {}}); }
 
-void DenseMapper::AddSourceImage(FramePtr frame) { AddCapture({{}, {std::move(frame)}}); }
-
 void DenseMapper::Flush() { impl_->Flush(); }
 
 void DenseMapper::Reset() {
@@ -486,12 +484,5 @@ void DenseMapper::Reset() {
 void DenseMapper::WaitForOutputs() { impl_->outputs.WaitForAll(); }
 
 PoseChecks DenseMapper::pose_checks() const { return impl_->poses.checks(); }
-
-size_t DenseMapper::unfinished() const {
-  const std::vector<WindowKeyframePtr> images = impl_->window.Images();
-  return static_cast<size_t>(std::count_if(images.begin(), images.end(), [](const WindowKeyframePtr& keyframe) {
-    return keyframe->state != WindowKeyframe::State::kFinished;
-  }));
-}
 
 }  // namespace acmp

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "acmp_mapping/geometry/refined_camera.h"
+#include "acmp_mapping/geometry/similarity.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/frame.h"
 #include "acmp_mapping/keyframe/source_view_selection.h"

@@ -86,7 +86,7 @@ struct HostSources {
 }  // namespace
 
 EstimateState RunPass(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind,
-                      EstimateState state, const ImageView<const PlaneHypothesis>& prior, int geometric_pass) {
+                      EstimateState state, const PriorMap& prior, int geometric_pass) {
   Check(problem);
   Validate(options);
   const PinholeCamera& camera = problem.reference.camera;
@@ -95,14 +95,14 @@ EstimateState RunPass(const PatchMatchProblem& problem, const PatchMatchOptions&
   } else {
     CheckStart(problem, state);
   }
-  if (kind == Pass::kPlanarPrior) CheckSize("prior", prior.width, prior.height, camera);
+  if (kind == Pass::kPlanarPrior) CheckSize("prior", prior.numbers.width, prior.numbers.height, camera);
   const HostSources sources(problem, options.method);
   Image<uint32_t> selected_views(camera.width, camera.height);
   MatchContext<CpuSampler> context = sources.MakeContext(problem, options, kind, geometric_pass);
   context.planes = state.planes.View();
   context.cost = state.cost.View();
   context.selected_views = selected_views.View();
-  context.prior = {prior, {}};
+  context.prior = prior;
   VisitPass(kind, options.method,
             [&](auto pass, auto method) { Iterate<pass, method>(context, IterationsOf(kind, options)); });
   return state;

@@ -50,11 +50,6 @@ void CheckDepths(const std::vector<SupportPoint>& points) {
 constexpr int kMaxCoordinate = 1 << 28;
 constexpr int kBandRows = 32;  ///< that one task fills
 
-TriangleCorners CornersOf(const std::vector<SupportPoint>& points, const SupportTriangle& triangle) {
-  const SupportPoint &p = points[triangle.vertex[0]], &q = points[triangle.vertex[1]], &r = points[triangle.vertex[2]];
-  return {{p.col, q.col, r.col}, {p.row, q.row, r.row}};
-}
-
 /// Throws InvalidInputError for vertices that are no support points, or lie more than 2^28 px away.
 void CheckTriangles(const std::vector<SupportPoint>& points, const std::vector<SupportTriangle>& triangles) {
   const int count = static_cast<int>(points.size());
@@ -99,67 +94,60 @@ std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageV
   return points;
 }
 
-PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points,
+PriorMesh MakePriorMesh(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
                         const PlanarPriorOptions& options) {
   Validate(options);
-  std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points, options.cell_size_px);
-  return MakePriorMesh(camera, std::move(points), std::move(triangles), options);
+  return MakePriorMesh(camera, points, TriangulateSupportPoints(points, options.cell_size_px), options);
 }
 
-PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points,
-                        std::vector<SupportTriangle> triangles, const PlanarPriorOptions& options) {
+PriorMesh MakePriorMesh(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
+                        const std::vector<SupportTriangle>& triangles, const PlanarPriorOptions& options) {
   Validate(options);
   CheckCamera("camera of the planar prior", camera);
   CheckDepths(points);
   CheckTriangles(points, triangles);
   const double min_cos = std::cos(options.max_grazing_angle_deg * kRadPerDeg<double>);
   PriorMesh mesh;
+  mesh.triangles.resize(triangles.size());
   mesh.planes.resize(triangles.size());
-  tbb::parallel_for(size_t{0}, triangles.size(),
-                    [&](size_t i) { mesh.planes[i] = PlaneOfTriangle(camera, points, triangles[i], min_cos); });
-  mesh.points = std::move(points);
-  mesh.triangles = std::move(triangles);
+  tbb::parallel_for(size_t{0}, triangles.size(), [&](size_t i) {
+    for (int k = 0; k < 3; ++k) {
+      const SupportPoint& point = points[static_cast<size_t>(triangles[i].vertex[k])];
+      mesh.triangles[i].col[k] = point.col;
+      mesh.triangles[i].row[k] = point.row;
+    }
+    mesh.planes[i] = PlaneOfTriangle(camera, points, triangles[i], min_cos);
+  });
   return mesh;
 }
 
-Image<int> RasterizeTriangles(int width, int height, const std::vector<SupportPoint>& points,
-                              const std::vector<SupportTriangle>& triangles) {
-  CheckRange("width of the raster", width, 0, kMaxCoordinate);
-  CheckRange("height of the raster", height, 0, kMaxCoordinate);
-  CheckTriangles(points, triangles);
-  Image<int> ids(width, height, -1);
-  if (ids.empty()) return ids;
-  // Each task owns its rows and fills them in triangle order: the result is the same for any number of threads.
-  tbb::parallel_for(0, (height + kBandRows - 1) / kBandRows, [&](int band) {
-    const int band_begin = band * kBandRows, band_end = std::min(band_begin + kBandRows, height);
-    for (size_t i = 0; i < triangles.size(); ++i) {
-      const TriangleCorners corners = CornersOf(points, triangles[i]);
-      const auto [low, high] = std::minmax({corners.row[0], corners.row[1], corners.row[2]});
+Image<uint32_t> RasterizePrior(const PinholeCamera& camera, const PriorMesh& mesh, const DepthRange& range) {
+  CheckCamera("camera of the planar prior", camera);
+  CheckDepthRange("depth range of the planar prior", range);
+  CheckRange("number of planes of the prior", mesh.planes.size(), mesh.triangles.size(), mesh.triangles.size());
+  const RayGrid rays = MakeRayGrid(camera);
+  Image<uint32_t> numbers(camera.width, camera.height, 0);
+  // Each task owns its rows.
+  tbb::parallel_for(0, (camera.height + kBandRows - 1) / kBandRows, [&](int band) {
+    const int band_begin = band * kBandRows, band_end = std::min(band_begin + kBandRows, camera.height);
+    for (size_t i = 0; i < mesh.triangles.size(); ++i) {
+      const int* rows = mesh.triangles[i].row;
+      const auto [low, high] = std::minmax({rows[0], rows[1], rows[2]});
       if (high < band_begin || low >= band_end) continue;
-      const RasterTriangle triangle = MakeRasterTriangle(corners);
+      const RasterTriangle triangle = MakeRasterTriangle(mesh.triangles[i]);
       for (int row = std::max(band_begin, low); row < std::min(band_end, high + 1); ++row) {
-        const ColumnSpan span = SpanOfRow(triangle, row, width);
-        for (int col = span.first; col <= span.last; ++col) ids(col, row) = static_cast<int>(i);
+        const ColumnSpan span = SpanOfRow(triangle, row, camera.width);
+        for (int col = span.first; col <= span.last; ++col) {
+          // The same float arithmetic as the matching passes: what passes here is in range there. NaN (zero plane)
+          // fails.
+          const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
+          const float depth = PlaneDepth(mesh.planes[i], ray);
+          if (depth >= range.min && depth <= range.max) numbers(col, row) = static_cast<uint32_t>(i) + 1;
+        }
       }
     }
   });
-  return ids;
-}
-
-PlaneMap RasterizePrior(const PinholeCamera& camera, const PriorMesh& mesh, const DepthRange& range) {
-  CheckDepthRange("depth range of the planar prior", range);
-  CheckRange("number of planes of the prior", mesh.planes.size(), mesh.triangles.size(), mesh.triangles.size());
-  const Image<int> ids = RasterizeTriangles(camera.width, camera.height, mesh.points, mesh.triangles);
-  const RayGrid rays = MakeRayGrid(camera);
-  PlaneMap planes(camera.width, camera.height);
-  ForEachPixel(camera.width, camera.height, [&](int col, int row) {
-    if (ids(col, row) < 0) return;
-    const PlaneHypothesis& plane = mesh.planes[ids(col, row)];
-    // The same float arithmetic as the matching passes: what passes here is in range there. NaN (zero plane) fails.
-    const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-    if (depth >= range.min && depth <= range.max) planes(col, row) = plane;
-  });
-  return planes;
+  return numbers;
 }
 
 }  // namespace acmp

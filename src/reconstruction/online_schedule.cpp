@@ -5,7 +5,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "acmp_mapping/geometry/refined_camera.h"
+#include "acmp_mapping/geometry/similarity.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "run.h"
 #include "work_files.h"

@@ -27,7 +27,6 @@ struct BenchmarkArguments {
   std::vector<std::string> set;
   std::string device = "auto";
   int cuda_index = 0;
-  int multiprocessors = 0;
 };
 
 ImageSize ParseSize(const std::string& text) {
@@ -113,14 +112,9 @@ void MeasureSizes(const BenchmarkArguments& arguments, DepthEngine* engine) {
 
 void RunBenchmark(BenchmarkArguments arguments) {
   for (int source_views : arguments.source_views) CheckRange("--source-views", source_views, 1, kMaxSourceViews);
-  const DepthEngineBackend backend =
-      MakeDepthEngine(ParseDevice(arguments.device), arguments.cuda_index, arguments.multiprocessors);
+  const DepthEngineBackend backend = MakeDepthEngine(ParseDevice(arguments.device), arguments.cuda_index);
   DepthEngine* engine = backend.engine.get();
   const bool is_gpu = engine->FreeDeviceBytes() > 0;
-  if (arguments.multiprocessors > 0 && !is_gpu) {
-    throw InvalidInputError(Concat("--sms ", arguments.multiprocessors, ": the CPU has no multiprocessors",
-                                   backend.fallback_reason.empty() ? "" : "; ", backend.fallback_reason));
-  }
   if (arguments.sizes.empty()) {
     arguments.sizes = is_gpu ? std::vector<std::string>{"640x480", "3072x2048"} : std::vector<std::string>{"320x240"};
   }
@@ -193,10 +187,6 @@ int main(int argc, char** argv) {
     auto_preset->excludes(other);
   app.add_option("--device", arguments.device, "auto, cuda or cpu")->capture_default_str();
   app.add_option("--cuda-index", arguments.cuda_index, "Which GPU")->capture_default_str();
-  app.add_option("--sms", arguments.multiprocessors,
-                 "Use so many multiprocessors of the GPU (CUDA 12.5), to see how long a smaller GPU takes; 0: all")
-      ->check(CLI::Range(0, 1000))
-      ->capture_default_str();
   return acmp::RunTool(app, argc, argv, [&] {
     acmp::RunBenchmark(arguments);
     return acmp::Printed();

@@ -67,18 +67,5 @@ TEST(MakeDepthEngineTest, IndexOutOfRangeIsAnErrorThatNamesIt) {
   }
 }
 
-TEST(MakeDepthEngineTest, SomeMultiprocessorsOfAGpuOrWhyNot) {
-  if (!ReasonAgainstCuda(0).empty()) GTEST_SKIP() << ReasonAgainstCuda(0);
-  const std::string error = ErrorOf([] {
-    EXPECT_THAT(MakeDepthEngine(Device::kCuda, 0, 1).engine->device_name(),
-                AllOf(HasSubstr("(cuda:0, "), HasSubstr(" multiprocessors)")));
-  });
-  if (error != "no error") GTEST_SKIP() << error;  // toolkit or driver are too old
-  for (const int count : {-1, 100000}) {
-    EXPECT_THAT(ErrorOf([&] { MakeDepthEngine(Device::kCuda, 0, count); }),
-                HasSubstr(Concat("multiprocessors = ", count)));
-  }
-}
-
 }  // namespace
 }  // namespace acmp

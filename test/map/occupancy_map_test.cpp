@@ -30,15 +30,29 @@ PointCloud Wall(float depth) {
   return points;
 }
 
+/// Of the cell at x and y.
+Occupancy At(const OccupancySlice& slice, double x, double y) {
+  const double col = std::floor((x - slice.origin_x) / slice.resolution);
+  const double row = std::floor((y - slice.origin_y) / slice.resolution);
+  if (!(col >= 0 && col < slice.width && row >= 0 && row < slice.height)) return Occupancy::kUnknown;
+  return slice.cells.at(static_cast<size_t>(row) * static_cast<size_t>(slice.width) + static_cast<size_t>(col));
+}
+
+/// Of the voxel at a point in the world.
+Occupancy At(const OccupancyMap& map, const Eigen::Vector3d& point) {
+  const double bottom = std::floor(point.z() / map.resolution()) * map.resolution();
+  return At(map.Slice(bottom, bottom + map.resolution()), point.x(), point.y());
+}
+
 TEST(OccupancyMapTest, RaysAreFreeEndsAreOccupiedTheRestIsUnknown) {
   OccupancyMap map(0.05);
   map.Insert({Keyframe(Wall(2.02f))});
-  EXPECT_EQ(map.At({1, 0, 1}), Occupancy::kFree);
-  EXPECT_EQ(map.At({1.9, 0.8, 1.8}), Occupancy::kFree);
-  EXPECT_EQ(map.At({2.02, 0, 1}), Occupancy::kOccupied);
-  EXPECT_EQ(map.At({2.3, 0, 1}), Occupancy::kUnknown) << "behind the wall";
-  EXPECT_EQ(map.At({1, 0.9, 1}), Occupancy::kUnknown) << "out of view";
-  EXPECT_EQ(map.At({1e9, 0, 0}), Occupancy::kUnknown);
+  EXPECT_EQ(At(map, {1, 0, 1}), Occupancy::kFree);
+  EXPECT_EQ(At(map, {1.9, 0.8, 1.8}), Occupancy::kFree);
+  EXPECT_EQ(At(map, {2.02, 0, 1}), Occupancy::kOccupied);
+  EXPECT_EQ(At(map, {2.3, 0, 1}), Occupancy::kUnknown) << "behind the wall";
+  EXPECT_EQ(At(map, {1, 0.9, 1}), Occupancy::kUnknown) << "out of view";
+  EXPECT_EQ(At(map, {1e9, 0, 0}), Occupancy::kUnknown);
 }
 
 TEST(OccupancyMapTest, DoubtfulPointsSayNothing) {
@@ -55,24 +69,19 @@ TEST(OccupancyMapTest, ScaledKeyframesLieWhereTheMapHasThem) {
   keyframe.scale = 2;
   OccupancyMap map(0.05);
   map.Insert({keyframe});
-  EXPECT_EQ(map.At({2.02, 0, 1}), Occupancy::kOccupied);
+  EXPECT_EQ(At(map, {2.02, 0, 1}), Occupancy::kOccupied);
 }
 
 TEST(OccupancyMapTest, SliceIsSeenFromAbove) {
   OccupancyMap map(0.05);
   map.Insert({Keyframe(Wall(2.02f))});
   const OccupancySlice slice = map.Slice(0.9, 1.1);
-  const auto at = [&](double x, double y) {
-    const int col = static_cast<int>(std::floor((x - slice.origin_x) / slice.resolution));
-    const int row = static_cast<int>(std::floor((y - slice.origin_y) / slice.resolution));
-    return slice.cells.at(static_cast<size_t>(row * slice.width + col));
-  };
   ASSERT_EQ(slice.cells.size(), static_cast<size_t>(slice.width * slice.height));
   EXPECT_EQ(slice.resolution, 0.05);
-  EXPECT_EQ(at(1.5, 0), Occupancy::kFree);
-  EXPECT_EQ(at(2.02, 0.5), Occupancy::kOccupied);
-  EXPECT_EQ(at(2.02, -0.5), Occupancy::kOccupied);
-  EXPECT_EQ(at(0.5, 0.9), Occupancy::kUnknown) << "out of view";
+  EXPECT_EQ(At(slice, 1.5, 0), Occupancy::kFree);
+  EXPECT_EQ(At(slice, 2.02, 0.5), Occupancy::kOccupied);
+  EXPECT_EQ(At(slice, 2.02, -0.5), Occupancy::kOccupied);
+  EXPECT_EQ(At(slice, 0.5, 0.9), Occupancy::kUnknown) << "out of view";
   const OccupancySlice high = map.Slice(0.9, 2.4);  // above 2 nothing was seen
   const size_t free = static_cast<size_t>(std::count(high.cells.begin(), high.cells.end(), Occupancy::kFree));
   EXPECT_EQ(free, 0u) << "a column is free if all of it is";
@@ -114,7 +123,7 @@ TEST(OccupancyMapTest, CellsOfTheRoomAreAsTheTrueGeometrySays) {
   EXPECT_LT(at_surface, 0.01 * free) << "of boxes that are seen along their sides";
   EXPECT_GT(free, 1000);
   EXPECT_GT(occupied, 100);
-  EXPECT_EQ(map->At({3.5, 0, 0.4}), Occupancy::kUnknown) << "outside of the room";
+  EXPECT_EQ(At(*map, {3.5, 0, 0.4}), Occupancy::kUnknown) << "outside of the room";
 }
 
 TEST(OccupancyMapTest, WhatIsBeyondOctoMapsReachGetsLargerVoxels) {
@@ -125,9 +134,9 @@ TEST(OccupancyMapTest, WhatIsBeyondOctoMapsReachGetsLargerVoxels) {
   EXPECT_FALSE(OccupancyMap(0.05).Insert({Keyframe({{{0, 0, 5000}, {0, 0, -1}, {}, 1}})}));
   const auto map = MakeOccupancyMap({{near, far}, 0.0125}, 0);
   EXPECT_EQ(map->resolution(), 0.2);
-  EXPECT_EQ(map->At({1, 0, 1}), Occupancy::kFree);
-  EXPECT_EQ(map->At({2.02, 0, 1}), Occupancy::kOccupied);
-  EXPECT_EQ(map->At({5002.02, 0, 1}), Occupancy::kOccupied);
+  EXPECT_EQ(At(*map, {1, 0, 1}), Occupancy::kFree);
+  EXPECT_EQ(At(*map, {2.02, 0, 1}), Occupancy::kOccupied);
+  EXPECT_EQ(At(*map, {5002.02, 0, 1}), Occupancy::kOccupied);
 }
 
 TEST(OccupancyMapTest, CostIsBoundedByLargerVoxels) {

@@ -122,6 +122,8 @@ class MapperHarness {
     mapper.AddKeyframe(std::move(frame));
     return TakeEvents();
   }
+  /// A capture of one companion without a keyframe.
+  void AddSourceImage(FramePtr frame) { mapper.AddCapture({{}, {std::move(frame)}}); }
   std::vector<std::string> Flush() {
     mapper.Flush();
     return TakeEvents();

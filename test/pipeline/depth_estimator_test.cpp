@@ -25,7 +25,8 @@ class SpyEngine final : public FakeEngine {
   std::vector<PinholeCamera> cameras;  ///< of their references, of the level
   PatchMatchOptions last_options;
   EstimateState last_start;
-  PlaneMap last_prior;
+  PriorMesh last_prior;
+  Image<uint32_t> last_numbers;  ///< of its triangles
 
  private:
   EstimateState Answer(const PassRequest& request) override {
@@ -38,7 +39,8 @@ class SpyEngine final : public FakeEngine {
         return Result(request.camera(), {0, -0.6f, -0.8f, 3.2f});
       case Pass::kPlanarPrior:
         calls.emplace_back("planar prior");
-        last_prior = RasterizePrior(request.camera(), *request.prior, request.problem.depth_range);
+        last_prior = *request.prior;
+        last_numbers = RasterizePrior(request.camera(), last_prior, request.problem.depth_range);
         return Result(request.camera(), {0, 0, -1, 5});
       default:
         calls.push_back(Concat("geometric ", request.geometric_pass));
@@ -87,11 +89,12 @@ class DepthEstimatorTest : public ::testing::Test {
 };
 
 /// Number of pixels with a prior, each with the plane of the fake's photometric pass.
-int CountPriorsOnThePlane(const PlaneMap& prior) {
+int CountPriorsOnThePlane(const PriorMesh& prior, const Image<uint32_t>& numbers) {
   int with_prior = 0;
-  for (const PlaneHypothesis& plane : prior) {
-    if (!(plane.d > 0)) continue;
+  for (const uint32_t number : numbers) {
+    if (number == 0) continue;
     ++with_prior;
+    const PlaneHypothesis& plane = prior.planes.at(number - 1);
     // Triangles down to 5 px across at depth 4: rounding of depths to 1e-7 over about 0.6 m.
     EXPECT_NEAR(plane.nx, 0, 1e-4);
     EXPECT_NEAR(plane.ny, -0.6, 1e-4);
@@ -110,9 +113,9 @@ TEST_F(DepthEstimatorTest, PriorComesFromTheCrediblePixelsOfThePhotometricPass) 
   EXPECT_EQ(estimator.last_times().kernels_ms, 20);
   EXPECT_EQ(estimator.last_times().photometric_kernels_ms, 10);
   // All credible pixels lie on one plane, so every triangle has that plane; only the rim lies outside all triangles.
-  ASSERT_EQ(engine_.last_prior.width(), 40);
-  ASSERT_EQ(engine_.last_prior.height(), 30);
-  EXPECT_GT(CountPriorsOnThePlane(engine_.last_prior), 0.6 * 40 * 30);
+  ASSERT_EQ(engine_.last_numbers.width(), 40);
+  ASSERT_EQ(engine_.last_numbers.height(), 30);
+  EXPECT_GT(CountPriorsOnThePlane(engine_.last_prior, engine_.last_numbers), 0.6 * 40 * 30);
 }
 
 TEST_F(DepthEstimatorTest, FullSizeIterationsFollowAStartLevelAndThePriorPassTheseWithOptionsOfItsOwn) {
@@ -125,7 +128,7 @@ TEST_F(DepthEstimatorTest, FullSizeIterationsFollowAStartLevelAndThePriorPassThe
   EXPECT_TRUE(engine_.cameras[1] == frames_[0]->camera);
   EXPECT_EQ(engine_.last_options.planar_prior_iterations, 4);
   EXPECT_NE(engine_.last_options.seed, options.patch_match.seed);
-  for (const PlaneHypothesis& plane : engine_.last_prior) ASSERT_EQ(plane.d, 0);
+  for (const uint32_t number : engine_.last_numbers) ASSERT_EQ(number, 0u);
   ASSERT_EQ(engine_.last_start.planes.width(), 40);
   EXPECT_EQ(engine_.last_start.planes(0, 0).d, 3.2f);  // the upsampled ones
   EXPECT_EQ(estimator.last_times().photometric_kernels_ms, 20);

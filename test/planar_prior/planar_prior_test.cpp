@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -16,10 +17,9 @@ const float kNan = std::numeric_limits<float>::quiet_NaN();
 const DepthRange kRange = {1.0f, 10.0f};
 const PinholeCamera kCamera = {120, 90, 100, 105, 58.3, 44.1};
 
-PlaneMap MakePlanarPrior(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
-                         const std::vector<SupportTriangle>& triangles, const DepthRange& range,
-                         const PlanarPriorOptions& options) {
-  return RasterizePrior(camera, MakePriorMesh(camera, points, triangles, options), range);
+Image<uint32_t> MakePlanarPrior(const std::vector<SupportPoint>& points, const std::vector<SupportTriangle>& triangles,
+                                const DepthRange& range, const PlanarPriorOptions& options) {
+  return RasterizePrior(kCamera, MakePriorMesh(kCamera, points, triangles, options), range);
 }
 
 std::vector<SupportPoint> Find(const DepthMap& depth, const CostMap& cost, const PlanarPriorOptions& options = {},
@@ -78,10 +78,8 @@ double TrueDepth(const Eigen::Vector4d& plane, double col, double row) {
   return -plane[3] / plane.head<3>().dot(kCamera.Unproject({col, row}));
 }
 
-int CountPlanes(const PlaneMap& planes) {
-  int count = 0;
-  for (const PlaneHypothesis& plane : planes) count += plane.d != 0;
-  return count;
+int CountPixels(const Image<uint32_t>& numbers) {
+  return static_cast<int>(numbers.size() - std::count(numbers.begin(), numbers.end(), 0u));
 }
 
 TEST(PlanarPrior, PassesThroughTheVerticesOfEachTriangle) {
@@ -94,16 +92,15 @@ TEST(PlanarPrior, PassesThroughTheVerticesOfEachTriangle) {
   PlanarPriorOptions options;
   options.max_grazing_angle_deg = 89.9f;
   const auto triangles = TriangulateSupportPoints(points);
-  const PlaneMap planes = MakePlanarPrior(kCamera, points, triangles, kRange, options);
-  const Image<int> ids = RasterizeTriangles(kCamera.width, kCamera.height, points, triangles);
+  const PriorMesh mesh = MakePriorMesh(kCamera, points, triangles, options);
+  const Image<uint32_t> numbers = RasterizePrior(kCamera, mesh, kRange);
   int checked = 0;
   for (int row = 0; row < kCamera.height; ++row) {
     for (int col = 0; col < kCamera.width; ++col) {
-      const PlaneHypothesis& p = planes(col, row);
-      if (p.d == 0) continue;
-      ASSERT_GE(ids(col, row), 0);
+      if (numbers(col, row) == 0) continue;
+      const PlaneHypothesis& p = mesh.planes.at(numbers(col, row) - 1);
       ASSERT_GT(p.d, 0);
-      for (int vertex : triangles[ids(col, row)].vertex) {
+      for (int vertex : triangles[numbers(col, row) - 1].vertex) {
         const SupportPoint& point = points[vertex];
         const Eigen::Vector3d ray = kCamera.Unproject({point.col, point.row});
         const double cosine = Eigen::Vector3d(p.nx, p.ny, p.nz).dot(ray);
@@ -135,9 +132,9 @@ TEST(PlanarPrior, RejectsGrazingTriangles) {
     const double cosine = -plane.head<3>().dot(centroid.normalized());
     PlanarPriorOptions options;
     options.max_grazing_angle_deg = static_cast<float>(std::acos(cosine) * 180 / M_PI + 0.01);
-    const int just_inside = CountPlanes(MakePlanarPrior(kCamera, points, {{{0, 1, 2}}}, kRange, options));
+    const int just_inside = CountPixels(MakePlanarPrior(points, {{{0, 1, 2}}}, kRange, options));
     options.max_grazing_angle_deg -= 0.02f;
-    const int just_outside = CountPlanes(MakePlanarPrior(kCamera, points, {{{0, 1, 2}}}, kRange, options));
+    const int just_outside = CountPixels(MakePlanarPrior(points, {{{0, 1, 2}}}, kRange, options));
     return std::make_pair(just_inside, just_outside);
   };
   for (const double angle_deg : {10.0, 45.0, 80.0}) {
@@ -151,14 +148,14 @@ TEST(PlanarPrior, RejectsPixelsWhereThePlaneLeavesTheRange) {
   std::vector<SupportPoint> points = {{0, 0, 0}, {119, 0, 0}, {0, 89, 0}, {119, 89, 0}};
   for (SupportPoint& point : points) point.depth = static_cast<float>(TrueDepth(plane, point.col, point.row));
   const DepthRange range = {3.0f, 4.0f};
-  const PlaneMap planes = MakePlanarPrior(kCamera, points, TriangulateSupportPoints(points), range, {});
+  const Image<uint32_t> numbers = MakePlanarPrior(points, TriangulateSupportPoints(points), range, {});
   int inside = 0;
   for (int row = 0; row + 1 < kCamera.height; ++row) {
     for (int col = 0; col + 1 < kCamera.width; ++col) {
       const double z = TrueDepth(plane, col, row);
       if (std::abs(z - range.min) < 1e-4 || std::abs(z - range.max) < 1e-4) continue;  // float rounding decides
-      ASSERT_EQ(planes(col, row).d != 0, z > range.min && z < range.max) << col << ", " << row;
-      inside += planes(col, row).d != 0 ? 1 : 0;
+      ASSERT_EQ((numbers(col, row) != 0), z > range.min && z < range.max) << col << ", " << row;
+      inside += numbers(col, row) != 0 ? 1 : 0;
     }
   }
   EXPECT_GT(inside, 1000);

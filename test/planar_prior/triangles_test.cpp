@@ -76,22 +76,31 @@ bool Covers(const std::vector<SupportPoint>& points, const SupportTriangle& tria
   return positive == 3 || negative == 3;
 }
 
+/// Number of each pixel's triangle. All have a plane in range.
+Image<uint32_t> Rasterize(int width, int height, const std::vector<SupportPoint>& points,
+                          const std::vector<SupportTriangle>& triangles) {
+  PriorMesh mesh = MakePriorMesh({width, height, 50, 50, 25, 25}, points, triangles, {});
+  std::fill(mesh.planes.begin(), mesh.planes.end(), PlaneHypothesis{0, 0, -1, 2});
+  return RasterizePrior({width, height, 50, 50, 25, 25}, mesh, {1, 3});
+}
+
 /// Every pixel against every triangle: at most one covers it, and the raster names exactly that one.
 void ExpectExactRaster(int width, int height, const std::vector<SupportPoint>& points,
                        const std::vector<SupportTriangle>& triangles) {
-  const Image<int> ids = RasterizeTriangles(width, height, points, triangles);
-  ASSERT_EQ(ids.width(), width);
-  ASSERT_EQ(ids.height(), height);
+  const Image<uint32_t> numbers = Rasterize(width, height, points, triangles);
+  ASSERT_EQ(numbers.width(), width);
+  ASSERT_EQ(numbers.height(), height);
   for (int row = 0; row < height; ++row) {
     for (int col = 0; col < width; ++col) {
-      int expected = -1, count = 0;
+      uint32_t expected = 0;
+      int count = 0;
       for (size_t i = 0; i < triangles.size(); ++i) {
         if (!Covers(points, triangles[i], col, row)) continue;
-        expected = static_cast<int>(i);
+        expected = static_cast<uint32_t>(i) + 1;
         ++count;
       }
       ASSERT_LE(count, 1) << col << ", " << row;
-      ASSERT_EQ(ids(col, row), expected) << col << ", " << row;
+      ASSERT_EQ(numbers(col, row), expected) << col << ", " << row;
     }
   }
 }
@@ -100,21 +109,21 @@ void ExpectExactRaster(int width, int height, const std::vector<SupportPoint>& p
   ExpectExactRaster(width, height, points, TriangulateSupportPoints(points));
 }
 
-TEST(RasterizeTriangles, PutsEachPixelInExactlyOneTriangle) {
+TEST(RasterizePrior, PutsEachPixelInExactlyOneTriangle) {
   for (unsigned seed = 0; seed < 12; ++seed) {
     ExpectExactRaster(67, 41, RandomPoints(67, 41, 3 + 9 * static_cast<int>(seed), seed));
   }
 }
 
-TEST(RasterizeTriangles, IsExactAtTheLargestCoordinates) {
+TEST(RasterizePrior, IsExactAtTheLargestCoordinates) {
   // The diagonal of a square from corner to corner of the legal range passes through the pixels (i, i): with the
   // top-left rule they belong to the triangle on the right of the diagonal.
   const int limit = 1 << 28;
   const std::vector<SupportPoint> points = {
       {-limit, -limit, 1}, {limit, -limit, 1}, {limit, limit, 1}, {-limit, limit, 1}};
-  const Image<int> ids = RasterizeTriangles(50, 50, points, {{{0, 1, 2}}, {{0, 2, 3}}});
+  const Image<uint32_t> numbers = Rasterize(50, 50, points, {{{0, 1, 2}}, {{0, 2, 3}}});
   for (int row = 0; row < 50; ++row) {
-    for (int col = 0; col < 50; ++col) ASSERT_EQ(ids(col, row), col >= row ? 0 : 1) << col << ", " << row;
+    for (int col = 0; col < 50; ++col) ASSERT_EQ(numbers(col, row), col >= row ? 1u : 2u) << col << ", " << row;
   }
 }
 

@@ -53,7 +53,10 @@ class FakeMatcherEngine : public FakeEngine {
       hash += HashOf(start.planes.View()) + HashOf(start.cost.View());
     }
     if (request.prior != nullptr) {
-      hash += HashOf(RasterizePrior(request.camera(), *request.prior, request.problem.depth_range).View());
+      const std::vector<PlaneHypothesis>& planes = request.prior->planes;
+      const int count = static_cast<int>(planes.size());
+      hash += HashOf(RasterizePrior(request.camera(), *request.prior, request.problem.depth_range).View()) +
+              HashOf(ImageView<const PlaneHypothesis>{planes.data(), count, 1, count});
     }
     for (const EngineView& source : request.problem.sources) {
       call.source_hashes.push_back(HashOf(SourceDepth(request, source).View()));

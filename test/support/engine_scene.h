@@ -52,8 +52,7 @@ inline PlaneHypothesis ToHypothesis(const WorldPlane& plane) {
 /// A prior of one plane everywhere, in the camera's frame.
 inline PriorMesh PriorOfPlane(const PinholeCamera& camera, const PlaneHypothesis& plane) {
   PriorMesh mesh;
-  mesh.points = {{-1, -1, 1}, {2 * camera.width + 1, -1, 1}, {-1, 2 * camera.height + 1, 1}};
-  mesh.triangles = {{{0, 1, 2}}};
+  mesh.triangles = {{{-1, 2 * camera.width + 1, -1}, {-1, -1, 2 * camera.height + 1}}};
   mesh.planes = {plane};
   return mesh;
 }

@@ -23,7 +23,7 @@ class KernelState {
         planes(problem_.reference.camera.width, problem_.reference.camera.height),
         cost(problem_.reference.camera.width, problem_.reference.camera.height),
         selected_views(problem_.reference.camera.width, problem_.reference.camera.height),
-        prior(problem_.reference.camera.width, problem_.reference.camera.height) {
+        prior_numbers(problem_.reference.camera.width, problem_.reference.camera.height) {
     for (size_t i = 0; i < views_.size(); ++i) {
       images_.push_back(problem_.sources[i].gray);
       full_depths_.push_back(problem_.sources[i].depth);
@@ -50,10 +50,11 @@ class KernelState {
     context.planes = planes.View();
     context.cost = cost.View();
     context.selected_views = selected_views.View();
-    context.prior.planes = prior.View();
+    context.prior = Prior();
     return context;
   }
 
+  PriorMap Prior() const { return {prior_planes.data(), prior_numbers.View()}; }
   const PatchMatchProblem& problem() const { return problem_; }
   const PatchMatchOptions& options() const { return options_; }
   int width() const { return problem_.reference.camera.width; }
@@ -71,7 +72,8 @@ class KernelState {
   PlaneMap planes;
   CostMap cost;
   Image<uint32_t> selected_views;
-  PlaneMap prior;
+  std::vector<PlaneHypothesis> prior_planes;
+  Image<uint32_t> prior_numbers;
 };
 
 }  // namespace acmp

@@ -22,7 +22,7 @@ struct Maps {
   const PlaneMap& planes;
   const CostMap& cost;
   const Image<uint32_t>& views;  ///< of ACMH the one view that weighed most
-  const PlaneMap& prior;         ///< zero planes: none
+  PriorMap prior;                ///< zero planes: none
 };
 
 /// What a pixel becomes.
@@ -452,7 +452,7 @@ class Reference {
     const double cost = sum / total;
     if (stage_ != Stage::kPlanarPrior) return {cost, cost};
     double compatibility = 0;  // the product of eq. 6
-    const PlaneHypothesis& prior_plane = maps.prior(col, row);
+    const PlaneHypothesis prior_plane = maps.prior(col, row);
     if (prior_plane.d > 0) {
       const Hypothesis prior = At(reference::ToDouble(prior_plane), col, row);
       const double lambda_d =
@@ -470,7 +470,7 @@ class Reference {
   /// Ours: near the prior where there is one and the estimate is not credible.
   Hypothesis StartNearPrior(const Hypothesis& present, const Maps& maps, int col, int row, Random* random) {
     constexpr double kDepthSpread = 0.06, kNormalSpread = 5.4 * kRadPerDeg;
-    const PlaneHypothesis& prior_plane = maps.prior(col, row);
+    const PlaneHypothesis prior_plane = maps.prior(col, row);
     if (!(prior_plane.d > 0) || maps.cost(col, row) < options_.prior_start_cost) return present;
     const Hypothesis prior = At(reference::ToDouble(prior_plane), col, row);
     const double depth = std::clamp<double>(prior.depth * (1 + kDepthSpread * (*random)(-1, 1)),

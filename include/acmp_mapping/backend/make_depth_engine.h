@@ -20,13 +20,10 @@ struct DepthEngineBackend {
 /// Makes the engine for a device. kAuto takes the GPU when there is a usable one, else the CPU with the reason. kCuda
 /// throws InvalidInputError that says what is missing (not built in, no driver, no device, device too old).
 /// @param cuda_index which GPU, 0-based
-/// @param multiprocessors how many of the GPU's it may use, to see how long a smaller GPU takes, and a few more where
-/// the GPU gives them out in groups only; 0: all. The CPU has none.
-DepthEngineBackend MakeDepthEngine(Device device, int cuda_index = 0, int multiprocessors = 0);
+DepthEngineBackend MakeDepthEngine(Device device, int cuda_index = 0);
 
 /// The engine of GPU `cuda_index`, in CUDA builds only: images and estimates stay in its memory. Throws
 /// InvalidInputError that says what is missing: driver, device, or code for the device's architecture.
-/// @param multiprocessors as of MakeDepthEngine
-std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int cuda_index, int multiprocessors);
+std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int cuda_index);
 
 }  // namespace acmp

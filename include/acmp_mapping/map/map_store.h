@@ -13,8 +13,8 @@
 
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
-#include "acmp_mapping/geometry/refined_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
+#include "acmp_mapping/geometry/similarity.h"
 #include "acmp_mapping/map/image_store.h"
 #include "acmp_mapping/map/loop_correction.h"
 

@@ -54,7 +54,6 @@ class OccupancyMap {
   /// help, and this map is of no use.
   bool Insert(const std::vector<PlacedKeyframe>& keyframes);
 
-  Occupancy At(const Eigen::Vector3d& point_in_world) const;
   /// Throws InvalidInputError unless min_height < max_height. Empty where nothing is known between them.
   OccupancySlice Slice(double min_height, double max_height) const;
 

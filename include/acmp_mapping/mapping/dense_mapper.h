@@ -104,9 +104,6 @@ class DenseMapper {
   /// AddCapture of one keyframe.
   void AddKeyframe(FramePtr frame);
 
-  /// AddCapture of one companion without a keyframe.
-  void AddSourceImage(FramePtr frame);
-
   /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough. Then
   /// refines again what has better views now.
   void Flush();
@@ -121,9 +118,6 @@ class DenseMapper {
   /// of the same surface would not meet: no keyframe is refined, the maps of the newest ones are withdrawn, and they
   /// come when the contradiction is below half of that again, or never.
   PoseChecks pose_checks() const;
-
-  /// Keyframes that have had neither on_refined nor on_drop yet; those on their way to it count as having had it.
-  size_t unfinished() const;
 
  private:
   struct Impl;

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "acmp_mapping/fusion/point_losses.h"
-#include "acmp_mapping/geometry/refined_camera.h"
+#include "acmp_mapping/geometry/similarity.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/frame.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"

@@ -16,8 +16,7 @@ namespace acmp {
 /// @param prior of a planar-prior pass
 /// @param geometric_pass 0, 1, ... selects the random numbers of a geometric pass
 EstimateState RunPass(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind,
-                      EstimateState start = {}, const ImageView<const PlaneHypothesis>& prior = {},
-                      int geometric_pass = 0);
+                      EstimateState start = {}, const PriorMap& prior = {}, int geometric_pass = 0);
 
 /// What ACMM does between two scales: every pixel of a photometric estimate takes the plane of the next coarser scale's
 /// estimate, upsampled by the image (UpsampleJointly), unless its own matches clearly better (RestorePixel).

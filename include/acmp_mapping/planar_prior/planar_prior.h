@@ -33,32 +33,28 @@ struct SupportTriangle {
 /// @param spacing about how far points lie apart, px, at least 1: only the time depends on it
 std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportPoint>& points, int spacing = 5);
 
-/// Triangle of each pixel, or -1 outside the triangulation. Exact integer rasterisation with a top-left rule: each
-/// pixel belongs to at most one triangle, and to exactly one if its centre lies in the half-open union of them (left
-/// and top borders belong to it, right and bottom ones do not). Either winding; vertices may lie outside the image, up
-/// to 2^28 px. Of triangles that overlap, which a triangulation's do not, the last wins.
-Image<int> RasterizeTriangles(int width, int height, const std::vector<SupportPoint>& points,
-                              const std::vector<SupportTriangle>& triangles);
-
-/// Support points, their triangulation and the plane of each triangle.
+/// Triangles of support points, and the plane of each.
 struct PriorMesh {
-  std::vector<SupportPoint> points;  ///< in pixels
-  std::vector<SupportTriangle> triangles;
+  std::vector<TriangleCorners> triangles;
   /// Per triangle, in the camera's frame: through the three back-projected vertices, facing the camera. Zero for
   /// degenerate and grazing triangles.
   std::vector<PlaneHypothesis> planes;
 };
 
 /// Triangulates support points of the image of `camera`.
-PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points,
+PriorMesh MakePriorMesh(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
                         const PlanarPriorOptions& options);
 
-/// The same with a triangulation that is given.
-PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points,
-                        std::vector<SupportTriangle> triangles, const PlanarPriorOptions& options);
+/// The same with a triangulation that is given. Throws InvalidInputError for vertices that are no points, or lie more
+/// than 2^28 px away.
+PriorMesh MakePriorMesh(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
+                        const std::vector<SupportTriangle>& triangles, const PlanarPriorOptions& options);
 
-/// Prior plane per pixel. Zero outside the triangulation, where the triangle has no plane,
-/// and where the plane leaves the depth range at that pixel.
-PlaneMap RasterizePrior(const PinholeCamera& camera, const PriorMesh& mesh, const DepthRange& range);
+/// Number of each pixel's triangle, from 1 on. Zero outside the triangulation, where the triangle has no plane, and
+/// where the plane leaves the depth range at that pixel. Exact integer rasterisation with a top-left rule: each pixel
+/// belongs to at most one triangle, and to exactly one if its centre lies in the half-open union of them (left and top
+/// borders belong to it, right and bottom ones do not). Either winding; vertices may lie outside the image. Throws
+/// InvalidInputError unless each triangle has a plane or the zero plane.
+Image<uint32_t> RasterizePrior(const PinholeCamera& camera, const PriorMesh& mesh, const DepthRange& range);
 
 }  // namespace acmp

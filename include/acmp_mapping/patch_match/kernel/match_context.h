@@ -33,17 +33,15 @@ struct alignas(16) SourceView {
   HalvedDepth depth;    ///< empty outside geometric passes and in the papers' ones
 };
 
-/// The planar prior: a plane per pixel, or planes and which of them is each pixel's, which takes a quarter of the
-/// memory.
+/// The planar prior: planes of triangles, and which of them is each pixel's (RasterizePrior).
 struct PriorMap {
-  ImageView<const PlaneHypothesis> planes;  ///< of the pixels; with numbers a single row
-  ImageView<const uint32_t> numbers;        ///< of the pixels' planes, from 1; 0 = no prior
+  const PlaneHypothesis* planes = nullptr;
+  ImageView<const uint32_t> numbers;  ///< of the pixels' planes, from 1; 0 = no prior
 
   /// All zero: no prior.
   ACMP_HOST_DEVICE PlaneHypothesis operator()(int col, int row) const {
-    if (numbers.empty()) return planes(col, row);
     const uint32_t number = numbers(col, row);
-    return number > 0 ? planes(static_cast<int>(number) - 1, 0) : PlaneHypothesis{};
+    return number > 0 ? planes[number - 1] : PlaneHypothesis{};
   }
 };
 

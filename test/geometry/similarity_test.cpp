@@ -1,10 +1,8 @@
-#include "acmp_mapping/geometry/refined_camera.h"
+#include "acmp_mapping/geometry/similarity.h"
 
 #include <cmath>
 
 #include <gtest/gtest.h>
-
-#include "acmp_mapping/geometry/similarity.h"
 
 namespace acmp {
 namespace {
