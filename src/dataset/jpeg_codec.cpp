@@ -33,10 +33,32 @@ ImageSize ReadHeader(const std::filesystem::path& path, std::string_view content
   return {width, height};
 }
 
-/// The image ends after the header of its last scan; the end of a thumbnail in the file comes before that.
+/// Whether the image, from one marker to the next, comes to its end: neither a thumbnail's nor one in what follows it.
 bool HasEnd(std::string_view content) {
-  const size_t end = content.rfind("\xff\xd9"), scan = content.rfind("\xff\xda");
-  return end != std::string_view::npos && (scan == std::string_view::npos || scan < end);
+  const auto byte = [content](size_t at) { return static_cast<unsigned char>(content[at]); };
+  size_t at = 2;
+  while ((at = content.find('\xff', at)) != std::string_view::npos && at + 1 < content.size()) {
+    const unsigned char marker = byte(at + 1);
+    if (marker == 0xd9) return true;
+    if (marker == 0xff) {  // fills up
+      ++at;
+    } else if (marker <= 0x01 || (marker >= 0xd0 && marker <= 0xd8)) {  // within a scan, or without a length
+      at += 2;
+    } else if (at + 3 < content.size()) {
+      at += 2 + (size_t{byte(at + 2)} << 8) + byte(at + 3);
+    } else {
+      return false;
+    }
+  }
+  return false;
+}
+
+/// Whether what the decoder warned of does no harm to the pixels: stray bytes between markers, which some cameras
+/// write, and values in headers that others take as a matter of course.
+bool IsHarmless(const std::string& warning) {
+  const auto says = [&warning](const char* what) { return warning.find(what) != std::string::npos; };
+  return says("extraneous bytes before marker") || says("Invalid SOS parameters for sequential JPEG") ||
+         says("unknown JFIF revision number") || says("Unknown Adobe color transform code");
 }
 
 }  // namespace
@@ -52,13 +74,12 @@ ColorImage DecodeJpeg(const std::filesystem::path& path, std::string_view conten
   ColorImage image(size.width, size.height);
   if (tjDecompress2(decoder.get(), BytesOf(content), content.size(), reinterpret_cast<unsigned char*>(image.data()),
                     size.width, 0, size.height, TJPF_RGB, TJFLAG_ACCURATEDCT) != 0) {
-    // What is missing is filled up with grey, and only warned of. Stray bytes between markers, which some cameras
-    // write, do no harm to the pixels.
+    // What is missing is filled up with grey, and only warned of. Of several warnings TurboJPEG tells the first: one
+    // that does no harm may hide that the file is cut.
     const std::string message = tjGetErrorStr2(decoder.get());
-    const bool is_warning = tjGetErrorCode(decoder.get()) == TJERR_WARNING;
-    if (!is_warning || message.find("extraneous bytes before marker") == std::string::npos) Fail(path, message);
+    if (tjGetErrorCode(decoder.get()) != TJERR_WARNING || !IsHarmless(message)) Fail(path, message);
+    if (!HasEnd(content)) Fail(path, "it has no end");
   }
-  if (!HasEnd(content)) Fail(path, "it has no end");
   return image;
 }
 

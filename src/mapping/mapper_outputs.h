@@ -55,8 +55,8 @@ class OutputQueue {
   OutputQueue(const OutputQueue&) = delete;
   OutputQueue& operator=(const OutputQueue&) = delete;
 
-  /// Waits while kMaxJobs have not been done. What a job throws comes out here or in a later call of either method;
-  /// jobs after it are run all the same.
+  /// Waits while kMaxJobs have not been done. What a job throws comes out here or in a later call of either method,
+  /// once that has waited, the first of several; jobs after it are run all the same.
   void Submit(Job job) {
     if (!is_beside_) return job();
     std::shared_future<void> before;
@@ -79,11 +79,17 @@ class OutputQueue {
  private:
   /// Until fewer jobs than these are not done.
   void WaitForFewerThan(size_t jobs) {
+    std::exception_ptr failure;
     while (jobs_.size() >= jobs) {
       const std::shared_future<void> oldest = jobs_.front();
       jobs_.pop_front();
-      oldest.get();
+      try {
+        oldest.get();
+      } catch (...) {
+        if (!failure) failure = std::current_exception();
+      }
     }
+    if (failure) std::rethrow_exception(failure);
   }
 
   const bool is_beside_;

@@ -4,6 +4,7 @@
 #include <turbojpeg.h>
 
 #include <cstdio>
+#include <map>
 #include <memory>
 
 #include "acmp_mapping/common/error.h"
@@ -153,6 +154,28 @@ TEST_F(ImageCodecTest, EveryTruncationIsRefused) {
       const auto path = WriteText("cut", whole.substr(0, length));
       EXPECT_REFUSED(ReadColorImage(path), path.string()) << name << " cut to " << length;
     }
+  }
+}
+
+TEST_F(ImageCodecTest, HarmlessOdditiesOfJpegAreRead) {
+  const ColorImage image = SmoothColors(40, 40);
+  WriteColorImage(folder() / "whole.jpg", image);
+  const std::string whole = ReadText(folder() / "whole.jpg");
+  const size_t scan = whole.find("\xff\xda"), jfif = whole.find("JFIF");
+  ASSERT_NE(scan, std::string::npos);
+  ASSERT_NE(jfif, std::string::npos);
+  std::map<std::string, std::string> odd = {{"nothing odd", whole}};
+  odd["stray bytes"] = std::string(whole).insert(scan, "abc");
+  odd["a scan to coefficient 0, as phones write it"] = whole;
+  odd["a scan to coefficient 0, as phones write it"][scan + 12] = 0;
+  odd["another JFIF"] = whole;
+  odd["another JFIF"][jfif + 5] = 2;
+  for (const auto& [what, content] : odd) {
+    // A video behind the image may have any bytes.
+    for (const std::string& behind : {std::string(), "abc\xff\xda" + std::string(9, 'x')}) {
+      EXPECT_EQ(MaxDifference(DecodeColorImage(what, content + behind), DecodeColorImage("whole", whole)), 0) << what;
+    }
+    EXPECT_REFUSED(DecodeColorImage(what, content.substr(0, content.size() * 9 / 10)), what + ": damaged");
   }
 }
 

@@ -12,6 +12,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "dense_mapper_fakes.h"
 #include "mapper_outputs.h"
@@ -337,6 +338,26 @@ TEST(OutputQueueTest, SubmitWaitsWhileTooManyAreNotDone) {
   has_returned = true;
   opener.join();
   EXPECT_FALSE(had_returned_when_opened);
+}
+
+TEST(OutputQueueTest, WaitsForAllJobsAlsoWhereSomeThrow) {
+  std::atomic<int> done{0};
+  OutputQueue queue(true);
+  queue.Submit([] { throw ProcessingError("first"); });
+  queue.Submit([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    ++done;
+    throw ProcessingError("second");
+  });
+  queue.Submit([&] { ++done; });
+  try {
+    queue.WaitForAll();
+    ADD_FAILURE() << "nothing was thrown";
+  } catch (const ProcessingError& error) {
+    EXPECT_STREQ(error.what(), "first");
+  }
+  EXPECT_EQ(done, 2);
+  EXPECT_NO_THROW(queue.WaitForAll());
 }
 
 }  // namespace
