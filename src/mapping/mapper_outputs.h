@@ -1,15 +1,15 @@
 #pragma once
 
-#include <atomic>
+#include <condition_variable>
 #include <cstddef>
 #include <deque>
 #include <exception>
 #include <functional>
-#include <future>
+#include <mutex>
 #include <new>
 #include <optional>
 #include <string>
-#include <utility>
+#include <thread>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
@@ -43,58 +43,39 @@ std::string DescribeReset(const Frame& frame);
 /// For on_problem.
 std::string DescribeFailedAgain(int64_t id, const Failure& failure);
 
-/// Runs jobs one after the other in the order they were given: at once, or beside the thread that gives them.
+/// Runs jobs one after the other in the order they were given: at once, or in a thread of its own. One thread gives
+/// them.
 class OutputQueue {
  public:
   using Job = std::function<void()>;
 
-  /// @param is_beside its jobs run in threads of their own
-  explicit OutputQueue(bool is_beside) : is_beside_(is_beside) {}
+  explicit OutputQueue(bool is_beside);
   /// Waits for the job under way; those after it are thrown away.
-  ~OutputQueue() { is_stopped_ = true; }
+  ~OutputQueue();
   OutputQueue(const OutputQueue&) = delete;
   OutputQueue& operator=(const OutputQueue&) = delete;
 
-  /// Waits while kMaxJobs have not been done. What a job throws comes out here or in a later call of either method,
-  /// once that has waited, the first of several; jobs after it are run all the same.
-  void Submit(Job job) {
-    if (!is_beside_) return job();
-    std::shared_future<void> before;
-    if (!jobs_.empty()) before = jobs_.back();
-    auto run = [this, before, job = std::move(job)]() mutable {
-      if (before.valid()) before.wait();
-      before = {};
-      const Job own = std::exchange(job, nullptr);  // what it holds goes before its giver hears that it is done
-      if (!is_stopped_) own();
-    };
-    jobs_.push_back(std::async(std::launch::async, std::move(run)).share());
-    WaitForFewerThan(kMaxJobs);
-  }
+  /// Waits while kMaxJobs have not been done. What a job throws comes out here or in a later call of either method;
+  /// jobs after it are run all the same.
+  void Submit(Job job);
 
-  void WaitForAll() { WaitForFewerThan(1); }
+  void WaitForAll();
 
   /// Each holds maps on the device; a few let the two threads go on while one of them has more to do than usual.
   static constexpr size_t kMaxJobs = 4;
 
  private:
+  void Run();
   /// Until fewer jobs than these are not done.
-  void WaitForFewerThan(size_t jobs) {
-    std::exception_ptr failure;
-    while (jobs_.size() >= jobs) {
-      const std::shared_future<void> oldest = jobs_.front();
-      jobs_.pop_front();
-      try {
-        oldest.get();
-      } catch (...) {
-        if (!failure) failure = std::current_exception();
-      }
-    }
-    if (failure) std::rethrow_exception(failure);
-  }
+  void WaitForFewerThan(size_t jobs);
 
-  const bool is_beside_;
-  std::atomic<bool> is_stopped_{false};
-  std::deque<std::shared_future<void>> jobs_;  ///< last: they are waited for before the others go
+  std::mutex mutex_;  ///< of all that follows
+  std::condition_variable given_, done_;
+  std::deque<Job> jobs_;        ///< that have not begun
+  size_t unfinished_ = 0;       ///< these and the one under way
+  std::exception_ptr failure_;  ///< of the first job that has thrown since this was last told
+  bool stopped_ = false;
+  std::thread thread_;  ///< last: it starts when everything above exists
 };
 
 /// What becomes of the estimates: their maps come to the host, are checked for consistency and go to the

@@ -92,10 +92,13 @@ std::string DescribeCameraErrors(const CameraErrors& errors, const CameraCalibra
   const int width = calibration.camera.width;
   const double corner_px = DistortionShift(calibration.camera, errors, 1);
   if (std::abs(corner_px) < kClear * width) return "";
-  const LensDistortion found = WithRadialDistortion(calibration.MakeLens(), errors.k1, errors.k2);
   std::string coefficients;
-  for (double value : found.coefficients) {
-    coefficients += Concat(coefficients.empty() ? "" : ", ", std::round(value * 1e6) / 1e6);
+  try {
+    for (double value : WithRadialDistortion(calibration.MakeLens(), errors.k1, errors.k2).coefficients) {
+      coefficients += Concat(coefficients.empty() ? "" : ", ", std::round(value * 1e6) / 1e6);
+    }
+  } catch (const InvalidInputError&) {
+    return "";  // no lens of this model has it
   }
   return Concat("the calibration leaves radial distortion of ", std::round(corner_px * 10) / 10, " px of ", width,
                 " at the corners (and rows are read out in ", std::lround(errors.readout * 1e3),
