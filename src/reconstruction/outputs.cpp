@@ -109,21 +109,20 @@ std::vector<ImageFiles::File> ImageFiles::FilesOf(int index, const FinalMaps& ma
 }
 
 /// "none" for a file that is missing.
-std::string ImageFiles::SizesOfFiles(int index) const {
-  std::string sizes;
+std::string ImageFiles::ChecksumsOf(int index) const {
+  std::string checksums;
   for (const File& file : FilesOf(index, {}, nullptr)) {
-    std::error_code error;
-    const uintmax_t bytes = std::filesystem::file_size(file.path, error);
-    sizes += error ? "none " : Concat(bytes, " ");
+    const std::optional<uint32_t> checksum = ChecksumOfFile(file.path);
+    checksums += checksum ? Concat(*checksum, " ") : "none ";
   }
-  return sizes;
+  return checksums;
 }
 
 std::set<int> ImageFiles::Missing(const std::set<int>& images) const {
   std::set<int> missing;
   if (!writes_any_) return missing;
   for (int index : images) {
-    if (ReadWorkFile(RecordOf(index)) != SizesOfFiles(index)) missing.insert(index);
+    if (ReadWorkFile(RecordOf(index)) != ChecksumsOf(index)) missing.insert(index);
   }
   return missing;
 }
@@ -165,7 +164,7 @@ void ImageFiles::WriteFiles(int index, const FinalMaps& maps) {
   if (colmap_) colmap_->WriteMaps(index, maps);
   run_.Count(&RunTimes::writing_ms, timer.Lap());
   run_.interrupt.Check();
-  if (!run_.options.stage.empty()) WriteWorkFile(RecordOf(index), SizesOfFiles(index));
+  if (!run_.options.stage.empty()) WriteWorkFile(RecordOf(index), ChecksumsOf(index));
   run_.progress.Step();
   const std::lock_guard<std::mutex> lock(run_.mutex);
   too_far_ += too_far;

@@ -89,7 +89,7 @@ class ImageFiles {
 
   Path RecordOf(int index) const { return run_.folder->WorkFile("maps", index); }
   std::vector<File> FilesOf(int index, const FinalMaps& maps, size_t* too_far) const;
-  std::string SizesOfFiles(int index) const;
+  std::string ChecksumsOf(int index) const;
   void WriteFiles(int index, const FinalMaps& maps);
 
   ReconstructRun& run_;

@@ -163,4 +163,15 @@ void WritePoints(const std::filesystem::path& path, const PointCloud& cloud) {
 
 std::optional<PointCloud> ReadPoints(const std::filesystem::path& path) { return ReadContent<PointCloud>(path); }
 
+std::optional<uint32_t> ChecksumOfFile(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return std::nullopt;
+  std::vector<char> block(kReadAtOnce);
+  uint32_t checksum = 0;
+  while (file.read(block.data(), static_cast<std::streamsize>(block.size())) || file.gcount() > 0) {
+    checksum = AddToChecksum(checksum, block.data(), static_cast<size_t>(file.gcount()));
+  }
+  return checksum;
+}
+
 }  // namespace acmp

@@ -45,4 +45,7 @@ void WritePoints(const std::filesystem::path& path, const PointCloud& cloud);
 /// Nothing where the file is missing or damaged.
 std::optional<PointCloud> ReadPoints(const std::filesystem::path& path);
 
+/// CRC-32 of any file's content; nothing where it cannot be read.
+std::optional<uint32_t> ChecksumOfFile(const std::filesystem::path& path);
+
 }  // namespace acmp
