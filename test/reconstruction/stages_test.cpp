@@ -242,6 +242,9 @@ TEST_F(StagesTest, MakeWhatIsMissingOrDamagedThemselves) {
   WriteText("out/work/final/000003.bin", damaged);
   Stage("maps", "2-3", &matcher);
   EXPECT_THAT(log_.str(), HasSubstr("000003.bin is damaged: its step of image 00000003.png is computed again"));
+  std::string of_the_same_size = ReadText(output() / "depth/000002.pfm");
+  of_the_same_size[of_the_same_size.size() / 2] ^= 1;
+  WriteText("out/depth/000002.pfm", of_the_same_size);
   WriteText("out/depth/000003.pfm", "cut");
   std::filesystem::remove(output() / "work/final/000007.bin");
   Stage("finish", "", &matcher);  // without most of the stage before
