@@ -84,9 +84,8 @@ TEST_P(StreetTest, MostOfWhatFillingDrawsIntoTheSkyIsUnsupportedAndHardlyAnythin
     before += before_of_run;
   }
   // In larger images with more views it takes three quarters of what is confident in the sky, and a few percent of the
-  // surfaces (docs/experiments.md). What of the sky lies beside a roof has its depth, and stays. What is unsupported
-  // counts for the confidence of the surface around, too, up to 16 px away: in images this small that is a tenth of
-  // all.
+  // surfaces. What of the sky lies beside a roof has its depth, and stays. What is unsupported counts for the
+  // confidence of the surface around, too, up to 16 px away: in images this small that is a tenth of all.
   ASSERT_GT(before.of_sky, 2 * 0.05) << "nothing to remove";
   EXPECT_LT(unsupported.of_sky, 0.5 * before.of_sky);
   EXPECT_GT(unsupported.of_surfaces, 0.88 * before.of_surfaces);

@@ -17,7 +17,7 @@ int SeedViews(int num_sources);
 
 /// Source views that must confirm a pixel which stays as it is: two, or one of fewer than seven, but no more than a
 /// seed needs. Of ten views one often agrees by chance: of pixels that one confirmed within 2 % 24 % were within 2 cm,
-/// of those with two to four 42 % (docs/experiments.md). Before passes they must confirm it closely.
+/// of those with two to four 42 %. Before passes they must confirm it closely.
 int MinConsistentViews(int num_sources);
 
 /// Source views that must confirm a seed closely to make it a closely confirmed one: one more than a seed needs,

@@ -58,8 +58,7 @@ struct FillContext {
   ImageView<NearestSeeds> nearest;
 };
 
-/// px, of the cells that have a seed each. Half as many give the same planes but lose small surfaces
-/// (docs/experiments.md).
+/// px, of the cells that have a seed each. Half as many give the same planes but lose small surfaces.
 ACMP_HOST_DEVICE inline int FillCellSize(int width, int height) {
   constexpr int kCellsAcross = 108;
   return SizeOfCells(width, height, kCellsAcross);

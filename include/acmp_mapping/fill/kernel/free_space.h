@@ -5,7 +5,7 @@
 namespace acmp {
 
 /// px, of the cells that are asked for evidence in their middle. The rim of a blank thing must be two cells wide, as
-/// some directions step over every other one: of wider cells thin frames do not stop them (docs/experiments.md).
+/// some directions step over every other one: of wider cells thin frames do not stop them.
 ACMP_HOST_DEVICE inline int EvidenceCellSize(int width, int height) {
   constexpr int kCellsAcross = 160;
   return SizeOfCells(width, height, kCellsAcross);
