@@ -95,7 +95,7 @@ std::string DescribeCameraErrors(const CameraErrors& errors, const CameraCalibra
   std::string coefficients;
   try {
     for (double value : WithRadialDistortion(calibration.MakeLens(), errors.k1, errors.k2).coefficients) {
-      coefficients += Concat(coefficients.empty() ? "" : ", ", std::round(value * 1e6) / 1e6);
+      coefficients += Concat(coefficients.empty() ? "" : ", ", std::round(value * 1e6) / 1e6 + 0.0);  // never "-0"
     }
   } catch (const InvalidInputError&) {
     return "";  // no lens of this model has it
