@@ -43,8 +43,8 @@ PointLosses FindPointLosses(const EngineProblem& problem, const FusionOptions& c
 
 }  // namespace
 
-OutputQueue::OutputQueue(bool is_beside) {
-  if (is_beside) thread_ = std::thread([this] { Run(); });
+OutputQueue::OutputQueue(bool has_thread) {
+  if (has_thread) thread_ = std::thread([this] { Run(); });
 }
 
 OutputQueue::~OutputQueue() {

@@ -49,7 +49,7 @@ class OutputQueue {
  public:
   using Job = std::function<void()>;
 
-  explicit OutputQueue(bool is_beside);
+  explicit OutputQueue(bool has_thread);
   /// Waits for the job under way; those after it are thrown away.
   ~OutputQueue();
   OutputQueue(const OutputQueue&) = delete;
@@ -79,13 +79,13 @@ class OutputQueue {
 };
 
 /// What becomes of the estimates: their maps come to the host, are checked for consistency and go to the
-/// callbacks, in the order they were given. With an engine of its own it does so beside the passes.
+/// callbacks, in the order they were given. With an engine of its own it does so in a thread of its own.
 class MapperOutputs {
  public:
   /// @param engine makes the maps; outlives this
   /// @param stop not null, outlives this; once it is requested, refined maps are not made
-  MapperOutputs(DepthEngine* engine, bool is_beside, DenseMapper::Callbacks callbacks, StopRequest* stop)
-      : engine_(engine), callbacks_(std::move(callbacks)), stop_(stop), queue_(is_beside) {}
+  MapperOutputs(DepthEngine* engine, bool has_thread, DenseMapper::Callbacks callbacks, StopRequest* stop)
+      : engine_(engine), callbacks_(std::move(callbacks)), stop_(stop), queue_(has_thread) {}
 
   /// @param steps after the first one
   void SubmitFast(KeyframeSteps steps);
