@@ -27,7 +27,7 @@ std::string Numbered(const char* format, int index) {
 std::string WithAllDigits(const Eigen::RowVectorXd& numbers) {
   std::ostringstream text;
   text.precision(std::numeric_limits<double>::max_digits10);
-  for (const double number : numbers) text << (text.tellp() > 0 ? " " : "") << number;
+  for (int i = 0; i < numbers.size(); ++i) text << (i > 0 ? " " : "") << numbers[i];  // no iterators in Eigen 3.3
   return text.str();
 }
 
