@@ -37,6 +37,8 @@ using KdTree = nanoflann::KDTreeSingleIndexAdaptor<Distance, PointSet, 3, size_t
 // rounding, are not looked at: a cloud may have very many equal points.
 class NearestDistance {
  public:
+  using DistanceType = double;
+
   bool addPoint(double squared, size_t /*index*/) {
     if (squared < squared_) squared_ = squared;
     return true;
