@@ -122,7 +122,7 @@ cv::Mat ImageDecoder::DecodeCompressed(const sensor_msgs::CompressedImage& image
 
 cv::Mat ImageDecoder::Convert(const std::string& name, const std::string& encoding, const cv::Mat& pixels) {
   const bool wide = pixels.depth() == CV_16U;
-  const PixelFormat& format = FindFormat(name, wide ? WithEightBits(encoding) : encoding);
+  const PixelFormat format = FindFormat(name, wide ? WithEightBits(encoding) : encoding);
   if (format.channels == 2 && pixels.cols % 2 != 0) {
     throw InvalidInputError(Concat(name, ": a width of ", pixels.cols, " px: must be even"));
   }
