@@ -9,10 +9,10 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-# packages SECTION: the packages of one section of the list; those before the first have the section "".
+# packages SECTION: the packages of one section of the list, one a line; those before the first have the section "".
 packages() {
   awk -v wanted="$1" '/^\[/ { section = substr($0, 2, length($0) - 2) }
-                      !/^(\[|#|$)/ && section == wanted' scripts/debian_packages.txt
+                      !/^(\[|#|$)/ && section == wanted { gsub(/ /, "\n"); print }' scripts/debian_packages.txt
 }
 
 release=$(. /etc/os-release && echo "$VERSION_CODENAME")
