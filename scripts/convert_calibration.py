@@ -225,7 +225,7 @@ def from_kalibr(content, index):
         return from_svo(chain, 0, name)
     # Model, how many parameters come before those of a pinhole, and what distortion may come after them.
     model, count, others = chain.choice("camera_model", {
-        "pinhole": (None, 0, MODELS), "perspective": (None, 0, MODELS), "omni": (MEI, 1, ("radtan", "radialtangential", "none")),
+        **dict.fromkeys(PINHOLES, (None, 0, MODELS)), "omni": (MEI, 1, ("radtan", "radialtangential", "none")),
         "ds": (DOUBLE_SPHERE, 2, ("none",)), "eucm": (EUCM, 2, ("none",))})
     distortion = chain["distortion_model"]
     if count and plain(distortion) not in others:
