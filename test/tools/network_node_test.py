@@ -59,8 +59,8 @@ class Descriptions(TestCase):
                 self.assertEqual(os.path.dirname(description.file).split("/.ros/")[0], os.path.expanduser("~"))
 
     def test_the_file_is_beside_the_description(self):
-        self.assertEqual(self.describe().file, os.path.join(self.folder, "tiny.onnx"))
-        self.assertEqual(self.describe(file="/other/tiny.onnx").file, "/other/tiny.onnx")
+        self.assertEqual(str(self.describe().file), os.path.join(self.folder, "tiny.onnx"))
+        self.assertEqual(str(self.describe(file="/other/tiny.onnx").file), "/other/tiny.onnx")
 
     def test_bad_values_are_named(self):
         bad = [(dict(file=None), "file: missing"), (dict(kind=None), "kind: missing"),
