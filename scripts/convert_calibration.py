@@ -250,7 +250,7 @@ def from_basalt(content, index):
         "kb4": (EQUIDISTANT, "k1 k2 k3 k4", []), "pinhole": (PLUMB_BOB, "", [0.0] * 5),
         "pinhole-radtan8": (RATIONAL, "k1 k2 p1 p2 k3 k4 k5 k6", [])})
     parameters = Fields(camera["intrinsics"], camera.where)
-    return (f"cam{index}", Fields({"resolution": sizes[index]}).list("resolution", 2), parameters.numbers("fx fy cx cy"),
+    return (f"cam{index}", Fields({"resolution": sizes[index]}, camera.where).list("resolution", 2), parameters.numbers("fx fy cx cy"),
             (model, parameters.numbers(names) + others))
 
 
