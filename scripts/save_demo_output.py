@@ -1,9 +1,11 @@
 #!/usr/bin/python3
-"""Saves what the mapper of demo.launch publishes while a bag is played to it: depth maps (PFM), pictures (PNG), the map and
-its mesh (PLY). Files are numbered by the position of their image in the bag. Exits with 1 when the mapper gave no map."""
+"""Plays a bag through demo.launch, under a ROS master of its own, and saves what the mapper publishes: depth maps (PFM),
+pictures (PNG), the map and its mesh (PLY). Files are numbered by the position of their image in the bag. Exits with 1 when the
+mapper gave no map."""
 import argparse
 import collections
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -17,6 +19,8 @@ from acmp_mapping.srv import SaveMap, SaveMapRequest
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
+
+from nodelet_session import TOPICS, start_master
 
 OUTPUTS = {"depth/image_rect": ("depth", "depth/%06d.pfm"), "depth_fast/image_rect": ("depth_fast", "depth_fast/%06d.pfm"),
            "rgb/image_rect_color": ("image pictures", "pictures/%06d_image.png"),
@@ -55,11 +59,6 @@ class Saver:
                             for value in part.values})
 
 
-def wait_for(condition):
-    while not condition():
-        time.sleep(0.1)
-
-
 def is_playing():
     try:
         return bool(rosgraph.Master("/save_demo_output").lookupNode("/player"))
@@ -75,9 +74,13 @@ def call(name, kind, *arguments):
     return answer
 
 
+def wait_for(condition):
+    while not condition():
+        time.sleep(0.1)
+
+
 def save_all(bag, folder):
-    wait_for(rosgraph.is_master_online)
-    rospy.init_node("save_demo_output", disable_rostime=True)  # the player's clock stops at the end of the bag
+    rospy.init_node("save_demo_output", argv=[], disable_rostime=True)  # the player's clock stops at the end of the bag
     saver = Saver(bag, folder)
     wait_for(is_playing)
     wait_for(lambda: not is_playing())
@@ -97,19 +100,38 @@ def save_all(bag, folder):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("bag")
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("bag", type=Path)
+    parser.add_argument("folder", type=Path, help="also of roslaunch.log")
+    parser.add_argument("arguments", nargs="*", metavar="ARGUMENT:=VALUE", help="of demo.launch")
     parser.add_argument("--timeout", type=int, default=1800, help="seconds for everything")
-    arguments = parser.parse_args(rospy.myargv()[1:])
+    options = parser.parse_intermixed_args()
+    bag, folder, shows = options.bag.absolute(), options.folder.absolute(), "rviz:=true" in options.arguments
 
-    def give_up(*_):
-        raise TimeoutError(f"not done after {arguments.timeout} s")
-    signal.signal(signal.SIGALRM, give_up)
-    signal.alarm(arguments.timeout)
+    def give_up(number, _):
+        raise RuntimeError("roslaunch has ended" if number == signal.SIGCHLD else f"not done after {options.timeout} s")
+    topics = " ".join([*TOPICS.values(), *["/tf"] * shows])  # only rviz listens to the last
+    processes = [start_master()]
+    for number in (signal.SIGALRM, signal.SIGCHLD):
+        signal.signal(number, give_up)
+    signal.alarm(options.timeout)
     try:
-        save_all(arguments.bag, arguments.folder.absolute())
+        with open(folder / "roslaunch.log", "w") as log:
+            processes.append(subprocess.Popen(
+                ["roslaunch", "acmp_mapping", "demo.launch", f"bag:={bag}", f"save_folder:={folder}", *options.arguments,
+                 f"play_args:=--wait-for-subscribers --quiet --topics {topics}"], stdin=subprocess.DEVNULL, stdout=log,
+                stderr=subprocess.STDOUT))
+        save_all(bag, folder)
+        signal.alarm(0)
+        if shows and sys.stdin.isatty():
+            input("rviz shows the map; press Enter to go on ")
     except (OSError, RuntimeError, rosbag.ROSBagException, rospy.ROSException, rospy.ServiceException) as error:
+        print(*(folder / "roslaunch.log").read_text().splitlines()[-30:], sep="\n", file=sys.stderr)
         sys.exit(f"save_demo_output: {error}")
+    finally:
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        for process in reversed(processes):
+            process.terminate()
+            process.wait()
 
 
 if __name__ == "__main__":

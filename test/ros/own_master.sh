@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# Sourced by demo_test.sh and stereo_test.sh with their arguments SOURCE_FOLDER BUILD_FOLDER: a folder of their own, and a ROS
+# Sourced by stereo_test.sh with its arguments SOURCE_FOLDER BUILD_FOLDER: a folder of their own, and a ROS
 # master, however long it takes to start: roslaunch gives up one of its own after ten seconds. $launch is ended with them.
 set -euo pipefail
 folder=$(mktemp -d)
