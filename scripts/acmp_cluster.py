@@ -13,7 +13,9 @@ Needs Debian's python3-distributed. Exit codes: 0 done, 2 wrong use or input, 1 
 """
 
 import argparse
+import contextlib
 import ctypes
+import datetime
 import json
 import os
 import shutil
@@ -24,12 +26,28 @@ import tempfile
 import threading
 import time
 
-EXIT_DONE, EXIT_FAILED = 0, 1
 IDLE_S = 30  # after which an acmp_reconstruct ends that has nothing to do
+PR_SET_PDEATHSIG = 1  # of Linux: when the parent has ended
+CORES = len(os.sched_getaffinity(0))
 
 
 class StageError(RuntimeError):
     """acmp_reconstruct ended with another exit code than 0."""
+
+
+def count(text):
+    if int(text) < 0:
+        raise argparse.ArgumentTypeError(f"{text}: must be at least 0")
+    return int(text)
+
+
+def resources(text):
+    """NAME=NUMBER, with commas between several, as a dict."""
+    with contextlib.suppress(ValueError):
+        found = {name: float(number) for name, number in (part.split("=") for part in text.split(","))}
+        if all(found) and min(found.values()) > 0:
+            return found
+    raise argparse.ArgumentTypeError(f"{text}: must be NAME=NUMBER with a positive number, as GPU=1")
 
 
 def parse_arguments():
@@ -37,13 +55,14 @@ def parse_arguments():
                                      usage="%(prog)s [options] SCENE OUTPUT [-- OPTIONS OF acmp_reconstruct]")
     parser.add_argument("scene", help="as for acmp_reconstruct")
     parser.add_argument("output", help="as for acmp_reconstruct; on a file system that all workers see")
-    parser.add_argument("--scheduler", help="address of a Dask scheduler that is there, tcp://HOST:PORT")
-    parser.add_argument("--scheduler-file", help="file in which a Dask scheduler has written its address")
-    parser.add_argument("--workers", type=int, default=0, help="of the local cluster, an acmp_reconstruct each; 0: one "
+    address = parser.add_mutually_exclusive_group()
+    address.add_argument("--scheduler", help="address of a Dask scheduler that is there, tcp://HOST:PORT")
+    address.add_argument("--scheduler-file", help="file in which a Dask scheduler has written its address")
+    parser.add_argument("--workers", type=count, default=0, help="of the local cluster, an acmp_reconstruct each; 0: one "
                         "per core")
-    parser.add_argument("--resources", default="", help="what a task takes of its worker: GPU=1; workers must be "
-                        "started with --resources GPU=N, those of the local cluster have it once")
-    parser.add_argument("--retries", type=int, default=3, help="of a task that fails (%(default)s)")
+    parser.add_argument("--resources", type=resources, default={}, help="what a task takes of its worker: GPU=1; workers "
+                        "must be started with --resources GPU=N, those of the local cluster have it once")
+    parser.add_argument("--retries", type=count, default=3, help="of a task that fails (%(default)s)")
     parser.add_argument("--program", default="acmp_reconstruct", help="acmp_reconstruct on the workers")
     parser.add_argument("--dashboard", default=":0", help="address of the local cluster's dashboard; needs bokeh")
     parser.add_argument("--quiet", action="store_true", help="no progress; only warnings and errors")
@@ -51,52 +70,36 @@ def parse_arguments():
     end = words.index("--") if "--" in words else len(words)
     arguments = parser.parse_args(words[:end])
     arguments.options = words[end + 1:]
-    if arguments.scheduler and arguments.scheduler_file:
-        parser.error("--scheduler and --scheduler-file: give one of them")
-    for name in ("workers", "retries"):
-        if getattr(arguments, name) < 0:
-            parser.error(f"--{name} {getattr(arguments, name)}: must be at least 0")
-    return arguments, parser
-
-
-def parse_resources(text, parser):
-    resources = {}
-    for part in filter(None, text.split(",")):
-        name, equals, count = part.partition("=")
-        try:
-            resources[name] = float(count)
-        except ValueError:
-            equals = ""
-        if not name or not equals or resources[name] <= 0:
-            parser.error(f"--resources {text}: must be NAME=NUMBER with a positive number, as GPU=1")
-    return resources
-
-
-def die_with_parent():
-    """A worker that is killed takes its acmp_reconstruct with it (Linux)."""
-    pr_set_pdeathsig = 1
-    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
+    arguments.workers = arguments.workers or CORES
+    arguments.local = not (arguments.scheduler or arguments.scheduler_file)
+    program = shutil.which(arguments.program)
+    if not program:
+        parser.error(f"--program {arguments.program}: not found")
+    if arguments.local:
+        arguments.program = program
+    try:
+        import distributed  # noqa: F401  takes a second: not before the arguments are checked
+    except ImportError:
+        parser.error("needs Dask distributed (Debian: python3-distributed)")
+    return arguments
 
 
 class StageProcess:
-    """An acmp_reconstruct on a worker, which does one stage after the other."""
+    """An acmp_reconstruct on a worker, which does one stage after the other and ends with it."""
 
     def __init__(self, command):
-        self.command = command
-        self.timer = None
+        self.command, self.timer = command, None
         # Dask sets this for its workers. It makes an allocation of an image a call of the kernel: 10 % of the time.
         environment = {name: value for name, value in os.environ.items() if name != "MALLOC_TRIM_THRESHOLD_"}
         self.program = subprocess.Popen([*command, "--stages"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                         stderr=subprocess.STDOUT, text=True, errors="replace", env=environment,
-                                        preexec_fn=die_with_parent)
+                                        preexec_fn=lambda: ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL))
 
     def run(self, stage):
         """`stage`: a line for --stages. Returns what it said. After a StageError it has ended."""
-        try:
+        with contextlib.suppress(BrokenPipeError):  # then it answers nothing
             self.program.stdin.write(stage + "\n")
             self.program.stdin.flush()
-        except BrokenPipeError:
-            pass  # then it answers nothing
         said, answer = [], None
         for line in self.program.stdout:
             if line.startswith(stage + ": "):
@@ -112,25 +115,22 @@ class StageProcess:
 
     def end(self):
         """Returns the exit code."""
-        try:
+        with contextlib.suppress(BrokenPipeError):
             self.program.stdin.close()
-        except BrokenPipeError:
-            pass
         self.program.stdout.close()
         return self.program.wait()
 
     @classmethod
     def take(cls, idle, command):
         """One of the idle ones, or a new one. Those of other commands end, so that they hold no memory of a GPU."""
-        while True:
-            try:
+        with contextlib.suppress(IndexError):
+            while True:
                 process = idle.pop()
-            except IndexError:
-                return cls(command)
-            process.timer.cancel()
-            if process.command == command:
-                return process
-            process.end()
+                process.timer.cancel()
+                if process.command == command:
+                    return process
+                process.end()
+        return cls(command)
 
     def give_back(self, idle):
         self.timer = threading.Timer(IDLE_S, self.end_if_in, [idle])
@@ -139,77 +139,66 @@ class StageProcess:
         self.timer.start()
 
     def end_if_in(self, idle):
-        try:
+        with contextlib.suppress(ValueError):  # it was taken just now
             idle.remove(self)
-        except ValueError:
-            return  # it was taken just now
-        self.end()
+            self.end()
 
 
 def run_stage(command, stage, *_after):
-    """On a worker. `stage`: a line for --stages; `_after`: results of what it waits for. Returns seconds."""
+    """On a worker. `stage`: a line for --stages; `_after`: results of what it waits for."""
     from distributed import get_worker
-    begin = time.monotonic()
     idle = get_worker().__dict__.setdefault("acmp_stage_processes", [])
     process = StageProcess.take(idle, command)
     said = process.run(stage)
     process.give_back(idle)
     if said:
         print(said, flush=True)
-    return time.monotonic() - begin
 
 
-def make_plan(program, arguments):
-    """The tasks; None when the run is complete. Ends the program where acmp_reconstruct does."""
+def make_plan(arguments):
+    """The tasks; none when the run is complete. Ends the program where acmp_reconstruct does."""
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "plan.json")
-        command = [program, arguments.scene, arguments.output, *arguments.options, "--plan", path]
-        if arguments.quiet:
-            command.append("--quiet")
-        code = subprocess.run(command, check=False).returncode
-        if code != EXIT_DONE:
-            sys.exit(code if code > 0 else EXIT_FAILED)
+        code = subprocess.run([arguments.program, arguments.scene, arguments.output, *arguments.options, "--plan", path,
+                               *["--quiet"] * arguments.quiet], check=False).returncode
+        if code != 0:
+            sys.exit(max(code, 1))
         with open(path, encoding="utf-8") as file:
             plan = json.load(file)
-    return None if plan["complete"] else plan["tasks"]
+    return [] if plan["complete"] else plan["tasks"]
 
 
-def connect(arguments, resources):
-    """A client, and the cluster that must be closed after it or None."""
+def connect(arguments):
+    """A client, and the cluster that must be closed after it or a null context."""
     import dask
-    from distributed import Client, LocalCluster  # not before the arguments are checked: takes a second
-    if arguments.scheduler or arguments.scheduler_file:
-        return Client(address=arguments.scheduler, scheduler_file=arguments.scheduler_file), None
+    from distributed import Client, LocalCluster
+    if not arguments.local:
+        return Client(address=arguments.scheduler, scheduler_file=arguments.scheduler_file), contextlib.nullcontext()
     # One process whose threads each wait for an acmp_reconstruct: each further process takes 0.7 s of a core to start.
     # To look at its threads a hundred times a second, and at the event loop fifty times, takes 5 % of a core.
     dask.config.set({"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "1s"})
-    workers = local_workers(arguments)
-    cluster = LocalCluster(n_workers=1, threads_per_worker=workers, memory_limit=0,
-                           resources={name: count * workers for name, count in resources.items()} or None,
+    of_all = {name: number * arguments.workers for name, number in arguments.resources.items()}
+    cluster = LocalCluster(n_workers=1, threads_per_worker=arguments.workers, memory_limit=0, resources=of_all or None,
                            dashboard_address=arguments.dashboard)
     return Client(cluster), cluster
 
 
-def local_workers(arguments):
-    return arguments.workers or len(os.sched_getaffinity(0))
-
-
 def local_shares(arguments):
     """Options that share this machine's cores and memory out among those who work in a local cluster."""
-    if arguments.scheduler or arguments.scheduler_file:
-        return []
     from distributed.system import MEMORY_LIMIT
-    workers = local_workers(arguments)
-    shares = {"--threads": max(1, len(os.sched_getaffinity(0)) // workers),
-              "--memory-limit-gb": round(MEMORY_LIMIT / 4e9 / workers, 3)}
+    shares = {"--threads": max(1, CORES // arguments.workers),
+              "--memory-limit-gb": round(MEMORY_LIMIT / 4e9 / arguments.workers, 3)}
     given = {option.partition("=")[0] for option in arguments.options}
-    return [word for name, share in shares.items() if name not in given for word in (name, str(share))]
+    return [word for name, share in shares.items() if arguments.local and name not in given for word in (name, str(share))]
 
 
-def submit(client, tasks, arguments, resources, program):
+def submit(client, tasks, arguments):
     """Futures of all tasks."""
-    options = [option for option in arguments.options if option != "--overwrite"]
-    command = [program, arguments.scene, arguments.output, *options, "--quiet"]
+    of_the_run = argparse.ArgumentParser(add_help=False, allow_abbrev=False)  # what tasks do not get, or have of their own
+    of_the_run.add_argument("--images")
+    of_the_run.add_argument("--overwrite", action="store_true")
+    options = of_the_run.parse_known_args(arguments.options)[1]
+    command = [arguments.program, arguments.scene, arguments.output, *options, "--quiet"]
     shares = local_shares(arguments)
     stages = list(dict.fromkeys(task["stage"] for task in tasks))  # in their order
     futures = []
@@ -221,27 +210,8 @@ def submit(client, tasks, arguments, resources, program):
             run_stage, command + own, f"{task['stage']} {task['images']}".strip(),
             *[futures[other] for other in task["after"]], pure=False,
             key=f"{task['stage']}-{task['images']}-{os.getpid()}", retries=arguments.retries, priority=priority,
-            resources=resources or None))
+            resources=arguments.resources or None))
     return futures
-
-
-def without_images(options):
-    """--images of the whole run is in the plan: tasks have their own."""
-    kept, skip = [], False
-    for option in options:
-        if skip or option.startswith("--images="):
-            skip = False
-        elif option == "--images":
-            skip = True
-        else:
-            kept.append(option)
-    return kept
-
-
-def duration(seconds):
-    seconds = round(seconds)
-    hours, minutes = seconds // 3600, seconds // 60 % 60
-    return f"{hours}:{minutes:02d}:{seconds % 60:02d}" if hours else f"{minutes}:{seconds % 60:02d}"
 
 
 def watch(futures, quiet):
@@ -253,45 +223,28 @@ def watch(futures, quiet):
         percent = 100 * done // len(futures)
         if percent > shown and not quiet:
             shown = percent
-            elapsed = time.monotonic() - begin
-            left = duration(elapsed / done * (len(futures) - done))
+            left = datetime.timedelta(seconds=round((time.monotonic() - begin) / done * (len(futures) - done)))
             print(f"{percent:3d} % of {len(futures)} tasks, {left} left", file=sys.stderr, flush=True)
 
 
 def main():
-    arguments, parser = parse_arguments()
-    resources = parse_resources(arguments.resources, parser)
-    try:
-        import distributed  # noqa: F401
-    except ImportError:
-        parser.error("needs Dask distributed (Debian: python3-distributed)")
-    local = not (arguments.scheduler or arguments.scheduler_file)
-    program = shutil.which(arguments.program) or arguments.program
-    if not shutil.which(program):
-        parser.error(f"--program {arguments.program}: not found")
-    tasks = make_plan(program, arguments)
-    if tasks is None:
-        return EXIT_DONE
-    arguments.options = without_images(arguments.options)
-    client, cluster = connect(arguments, resources)
-    try:
-        if not arguments.quiet:
-            print(f"dashboard: {client.dashboard_link}", file=sys.stderr, flush=True)
-        watch(submit(client, tasks, arguments, resources, program if local else arguments.program), arguments.quiet)
-    except StageError as error:
-        print(f"acmp_cluster.py: {error}", file=sys.stderr)
-        return EXIT_FAILED
-    except KeyboardInterrupt:
-        print("acmp_cluster.py: interrupted; the same command goes on from here", file=sys.stderr)
-        return EXIT_FAILED
-    finally:
-        client.close()
-        if cluster:
-            cluster.close()
+    arguments = parse_arguments()
+    tasks = make_plan(arguments)
+    if not tasks:
+        return
+    client, cluster = connect(arguments)
+    with cluster, client:
+        try:
+            if not arguments.quiet:
+                print(f"dashboard: {client.dashboard_link}", file=sys.stderr, flush=True)
+            watch(submit(client, tasks, arguments), arguments.quiet)
+        except StageError as error:
+            sys.exit(f"acmp_cluster.py: {error}")
+        except KeyboardInterrupt:
+            sys.exit("acmp_cluster.py: interrupted; the same command goes on from here")
     if not arguments.quiet:
         print(f"{arguments.output}: done")
-    return EXIT_DONE
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

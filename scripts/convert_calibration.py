@@ -21,15 +21,14 @@ import xml.etree.ElementTree
 import yaml
 
 PLUMB_BOB, RATIONAL, EQUIDISTANT, MEI = "plumb_bob", "rational_polynomial", "equidistant", "mei"
-EQUIRECTANGULAR = "equirectangular"
-DOUBLE_SPHERE, EUCM = "double_sphere", "eucm"
+DOUBLE_SPHERE, EUCM, EQUIRECTANGULAR = "double_sphere", "eucm", "equirectangular"
 # By name, in small letters and digits alone.
 MODELS = {"radtan": PLUMB_BOB, "radialtangential": PLUMB_BOB, "plumbbob": PLUMB_BOB, "brownconrady": PLUMB_BOB,
           "radialtangential8": RATIONAL, "rationalpolynomial": RATIONAL, "equidistant": EQUIDISTANT, "equi": EQUIDISTANT,
           "fisheye": EQUIDISTANT, "kannalabrandt": EQUIDISTANT, "kannalabrandt4": EQUIDISTANT,
-          "kannalabrandt8": EQUIDISTANT, "none": None}
+          "kannalabrandt8": EQUIDISTANT, "none": PLUMB_BOB}
 COUNTS = {PLUMB_BOB: (4, 5), RATIONAL: (8, 8), EQUIDISTANT: (4, 4)}  # least and most coefficients
-PINHOLES = ("pinhole", "perspective")
+PINHOLES = {"pinhole": PLUMB_BOB, "perspective": PLUMB_BOB}
 
 
 class Refused(Exception):
@@ -90,42 +89,66 @@ def read_content(text):
     return content
 
 
-def value_of(mapping, name, where=""):
-    if not isinstance(mapping, dict) or mapping.get(name) is None:
-        raise Refused("%s%s is missing" % (where, name))
-    return mapping[name]
+class Fields:
+    """Values of a file by name. Refuses those that are missing or of another kind, by `where` they are and their name."""
 
+    def __init__(self, values, where=""):
+        self.values, self.where = values if isinstance(values, dict) else {}, where
 
-def number(mapping, name, where="", default=None):
-    if default is not None and isinstance(mapping, dict) and mapping.get(name) is None:
-        return default
-    value = value_of(mapping, name, where)
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise Refused("%s%s = %r: must be a number" % (where, name, value))
+    def __contains__(self, name):
+        return self.values.get(name) is not None
+
+    def __getitem__(self, name):
+        if name not in self:
+            raise Refused(f"{self.where}{name} is missing")
+        return self.values[name]
+
+    def get(self, name, default):
+        return self[name] if name in self else default
+
+    def part(self, name):
+        return Fields(self[name], f"{self.where}{name}: ")
+
+    def number(self, name, default=None):
+        value = self[name] if default is None else self.get(name, default)
+        try:
+            return float(value)
+        except (TypeError, ValueError):
+            raise Refused(f"{self.where}{name} = {value!r}: must be a number")
+
+    def numbers(self, names, before="", after="", default=None):
+        """Of names with spaces between them."""
+        return [self.number(before + name + after, default) for name in names.split()]
+
+    def list(self, name, count=None):
+        """`count` numbers, or any number of them: of lists in lists, or of a matrix with rows, cols and data."""
+        value = self[name]
+        found = flattened(value)
+        if not isinstance(value, (dict, list)) or count not in (None, len(found)):
+            raise Refused(f"{self.where}{name} = {value!r}: must be a list of {f'{count} ' if count else ''}numbers")
+        return [Fields({name: number}, self.where).number(name) for number in found]
+
+    def choice(self, name, known, default=None):
+        """What `known` has for the value, in small or capital letters."""
+        value = self[name] if default is None else self.get(name, default)
+        return chosen(value, known, f"{self.where}{name}")
 
 
 def flattened(values):
-    """Of lists in lists, or of a matrix with rows, cols and data."""
     if isinstance(values, dict):
         values = values.get("data")
-    if not isinstance(values, list):
-        return [values]
-    return [number for value in values for number in flattened(value)]
+    return [number for value in values for number in flattened(value)] if isinstance(values, list) else [values]
 
 
-def numbers(mapping, name, count=None, where=""):
-    """A list of `count` numbers, or of any number of them."""
-    values = value_of(mapping, name, where)
-    found = flattened(values) if isinstance(values, (dict, list)) else []
-    if not isinstance(values, (dict, list)) or (count is not None and len(found) != count):
-        raise Refused("%s%s = %r: must be a list of %snumbers" % (where, name, values, "%d " % count if count else ""))
-    return [number({name: value}, name, where) for value in found]
+def chosen(value, known, what):
+    if str(value).lower() not in known:
+        raise Refused(f"{what} {value!r}: must be one of {', '.join(known)}; rectify the images of others")
+    return known[str(value).lower()]
 
 
-def camera(name, size, intrinsics, model, coefficients):
-    return {"name": name, "size": size, "intrinsics": intrinsics, "model": model, "coefficients": coefficients}
+def of_one_camera(index):
+    if index > 0:
+        raise Refused(f"is of one camera: there is no camera {index}")
 
 
 def plain(name):
@@ -133,252 +156,195 @@ def plain(name):
     return re.sub(r"[^a-z0-9]", "", str(name).lower())
 
 
-def is_pinhole(name):
-    return str(name).lower() in PINHOLES
+def lens(name, coefficients, where=""):
+    """Model and coefficients, of a file's name of the model and its list: those that are missing or too many must be 0."""
+    if plain(name) not in MODELS:
+        chosen(name, sorted(MODELS), where + "distortion model")
+    model = MODELS[plain(name)]
+    least, most = COUNTS[model]
+    if len(coefficients) < least and any(coefficients) and not (model == RATIONAL and len(coefficients) in (4, 5)):
+        raise Refused(f"{where}{len(coefficients)} distortion coefficients: {model} has {most}")
+    used = 0 if plain(name) == "none" else most
+    if any(coefficients[used:]):
+        raise Refused(f"{where}{len(coefficients)} distortion coefficients: {name} has {used}, and those after them are not "
+                      "0 (k4 to k6, thin prism or tilt); rectify the images")
+    return model, (coefficients + [0.0] * most)[:most]
 
 
-def from_lens_model(name, size, intrinsics, model, coefficients, where):
-    """For files with a name of the model and a list of coefficients: those that are missing or too many must be 0."""
-    key = plain(model)
-    if key not in MODELS:
-        raise Refused("%sdistortion model %r: must be one of %s; rectify the images of others" %
-                      (where, model, ", ".join(sorted(MODELS))))
-    known = MODELS[key]
-    if known is None:
-        if any(coefficients):
-            raise Refused("%sdistortion model %r has coefficients that are not 0: %r" % (where, model, coefficients))
-        return camera(name, size, intrinsics, PLUMB_BOB, [0.0] * 5)
-    least, most = COUNTS[known]
-    if len(coefficients) < least and any(coefficients) and not (known == RATIONAL and len(coefficients) in (4, 5)):
-        raise Refused("%s%d distortion coefficients: %s has %d" % (where, len(coefficients), known, most))
-    if any(coefficients[most:]):
-        raise Refused("%s%d distortion coefficients: %s has %d, and those after them are not 0 (k4 to k6, thin prism or "
-                      "tilt); rectify the images" % (where, len(coefficients), known, most))
-    return camera(name, size, intrinsics, known, (coefficients + [0.0] * most)[:most])
+# Each reader returns name, size, fx fy cx cy and lens of a camera; `index` counts from 0.
 
 
 def from_vins(content, index):
-    only_camera(index)
-    kind = str(content["model_type"]).upper()
-    if kind not in ("PINHOLE", "PINHOLE_FULL", "KANNALA_BRANDT", "MEI"):
-        raise Refused("model_type %r: must be PINHOLE, PINHOLE_FULL, KANNALA_BRANDT or MEI; rectify the images of others" % kind)
-    size = [number(content, "image_width"), number(content, "image_height")]
-    name = str(content.get("camera_name", "camera"))
-    parameters, where = value_of(content, "projection_parameters"), "projection_parameters: "
-    if kind == "KANNALA_BRANDT":
-        intrinsics = [number(parameters, key, where) for key in ("mu", "mv", "u0", "v0")]
-        return camera(name, size, intrinsics, EQUIDISTANT, [number(parameters, k, where) for k in ("k2", "k3", "k4", "k5")])
-    keys = ["k1", "k2", "p1", "p2"] + (["k3", "k4", "k5", "k6"] if kind == "PINHOLE_FULL" else [])
-    distortion = value_of(content, "distortion_parameters")
-    coefficients = [number(distortion, key, "distortion_parameters: ") for key in keys]
-    if kind == "MEI":
-        intrinsics = [number(parameters, key, where) for key in ("gamma1", "gamma2", "u0", "v0")]
-        xi = number(value_of(content, "mirror_parameters"), "xi", "mirror_parameters: ")
-        return camera(name, size, intrinsics, MEI, [xi] + coefficients)
-    intrinsics = [number(parameters, key, where) for key in ("fx", "fy", "cx", "cy")]
-    return from_lens_model(name, size, intrinsics, RATIONAL if kind == "PINHOLE_FULL" else PLUMB_BOB, coefficients, "")
+    of_one_camera(index)
+    radtan = "k1 k2 p1 p2"
+    model, projection, distortion = content.choice("model_type", {
+        "pinhole": (PLUMB_BOB, "fx fy cx cy", radtan), "pinhole_full": (RATIONAL, "fx fy cx cy", radtan + " k3 k4 k5 k6"),
+        "kannala_brandt": (EQUIDISTANT, "mu mv u0 v0", "k2 k3 k4 k5"), "mei": (MEI, "gamma1 gamma2 u0 v0", radtan)})
+    parameters = content.part("projection_parameters")
+    intrinsics = parameters.numbers(projection)
+    others = content.part("distortion_parameters") if model != EQUIDISTANT else parameters
+    coefficients = others.numbers(distortion)
+    xi = content.part("mirror_parameters").numbers("xi") if model == MEI else []
+    return (content.get("camera_name", "camera"), content.numbers("image_width image_height"), intrinsics,
+            (MEI, xi + coefficients) if xi else lens(model, coefficients))
 
 
 def from_orb_slam(content, index):
-    """ORB-SLAM and stella_vslam: `content` has names such as Camera.fx."""
-    prefix = "Camera%d." % (index + 1) if "Camera%d.fx" % (index + 1) in content else "Camera."
-    if index > 0 and prefix == "Camera.":
-        raise Refused("Camera%d.fx is missing" % (index + 1))
-    key = "Camera.type" if "Camera.type" in content else "Camera.model"
-    kind = str(content.get(key, "PinHole"))
-    rectified, fisheye = kind.lower() == "rectified", kind.lower() in ("fisheye", "kannalabrandt8")
-    sphere = kind.lower() == "equirectangular"
-    if not (rectified or fisheye or sphere or is_pinhole(kind)):
-        raise Refused("%s %r: must be PinHole, perspective, Rectified, fisheye, KannalaBrandt8 or equirectangular; rectify "
-                      "the images of others" % (key, kind))
-    size = [number(content, "Camera." + side, default=number(content, "Camera." + other, default=0.0))
+    """ORB-SLAM and stella_vslam, with names such as Camera.fx."""
+    prefix = f"Camera{index + 1}." if index > 0 or "Camera1.fx" in content else "Camera."
+    size = [content.number("Camera." + side, content.number("Camera." + other, 0.0))
             for side, other in (("width", "cols"), ("height", "rows"))]
-    if sphere:  # the size alone tells the camera: pixels per radian
+    kind = content.choice("Camera.type" if "Camera.type" in content else "Camera.model", {
+        **PINHOLES, "rectified": "none", "fisheye": EQUIDISTANT, "kannalabrandt8": EQUIDISTANT,
+        EQUIRECTANGULAR: EQUIRECTANGULAR}, "PinHole")
+    if kind == EQUIRECTANGULAR:  # the size alone tells the camera: pixels per radian
         focal_length = size[0] / (2 * math.pi)
-        return camera("camera", size, [focal_length, focal_length, size[0] / 2, size[1] / 2], EQUIRECTANGULAR, [])
-    intrinsics = [number(content, prefix + name) for name in ("fx", "fy", "cx", "cy")]
-    if rectified:
-        return camera("camera", size, intrinsics, PLUMB_BOB, [0.0] * 5)
-    if fisheye:
-        return camera("camera", size, intrinsics, EQUIDISTANT, [number(content, prefix + k) for k in ("k1", "k2", "k3", "k4")])
+        return "camera", size, [focal_length, focal_length, size[0] / 2, size[1] / 2], (EQUIRECTANGULAR, [])
+    intrinsics = content.numbers("fx fy cx cy", prefix)
+    if kind == EQUIDISTANT:
+        return "camera", size, intrinsics, (EQUIDISTANT, content.numbers("k1 k2 k3 k4", prefix))
     # ORB-SLAM takes those that are missing for 0.
-    coefficients = [number(content, prefix + k, default=0.0) for k in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")]
-    return from_lens_model("camera", size, intrinsics, RATIONAL if any(coefficients[5:]) else PLUMB_BOB, coefficients, "")
+    coefficients = content.numbers("k1 k2 p1 p2 k3 k4 k5 k6", prefix, default=0.0) if kind == PLUMB_BOB else []
+    return "camera", size, intrinsics, lens(RATIONAL if any(coefficients[5:]) else kind, coefficients)
 
 
 def from_ov2slam(content, index):
     if index > 1:
-        raise Refused("is of two cameras: there is no camera %d" % index)
+        raise Refused(f"is of two cameras: there is no camera {index}")
     side = ("left", "right")[index]
-    value = lambda name: number(content, "Camera." + name + side[0])
-    model = str(value_of(content, "Camera.model_" + side))
-    if not is_pinhole(model) and model.lower() != "fisheye":
-        raise Refused("Camera.model_%s %r: must be pinhole or fisheye" % (side, model))
-    return from_lens_model("camera", [number(content, "Camera.%s_n%s" % (side, name)) for name in ("width", "height")],
-                           [value(name) for name in ("fx", "fy", "cx", "cy")],
-                           PLUMB_BOB if is_pinhole(model) else EQUIDISTANT,
-                           [value(name) for name in ("k1", "k2", "p1", "p2")], "")
+    model = content.choice("Camera.model_" + side, {**PINHOLES, "fisheye": EQUIDISTANT})
+    return ("camera", content.numbers("width height", f"Camera.{side}_n"),
+            content.numbers("fx fy cx cy", "Camera.", side[0]),
+            lens(model, content.numbers("k1 k2 p1 p2", "Camera.", side[0])))
 
 
 def from_kalibr(content, index):
-    name = "cam%d" % index
-    chain, where = value_of(content, name), name + ": "
-    if isinstance(chain, dict) and "cam_model" in chain:
-        return from_svo(chain, name, where)
-    kind = str(value_of(chain, "camera_model", where))
-    wide = {"omni": (MEI, 1), "ds": (DOUBLE_SPHERE, 2), "eucm": (EUCM, 2)}  # and how many parameters come first
-    if not (kind in wide or is_pinhole(kind)):
-        raise Refused("%scamera_model %r: must be pinhole, omni, ds or eucm; rectify the images of others" % (where, kind))
-    model, size = value_of(chain, "distortion_model", where), numbers(chain, "resolution", 2, where)
-    is_none = str(model).lower() == "none"
-    if kind in wide:
-        lens, count = wide[kind]
-        if not (is_none or (kind == "omni" and MODELS.get(plain(model)) == PLUMB_BOB)):
-            raise Refused("%sdistortion_model %r of camera_model %s: must be %s" %
-                          (where, model, kind, "radtan or none" if kind == "omni" else "none"))
-        intrinsics = numbers(chain, "intrinsics", count + 4, where)
-        coefficients = ([0.0] * 4 if is_none else numbers(chain, "distortion_coeffs", 4, where)) if kind == "omni" else []
-        return camera(name, size, intrinsics[count:], lens, intrinsics[:count] + coefficients)
-    coefficients = [] if is_none else numbers(chain, "distortion_coeffs", where=where)
-    return from_lens_model(name, size, numbers(chain, "intrinsics", 4, where), model, coefficients, where)
+    name = f"cam{index}"
+    chain = content.part(name)
+    if "cam_model" in chain:
+        return from_svo(chain, 0, name)
+    # Model, how many parameters come before those of a pinhole, and what distortion may come after them.
+    model, count, others = chain.choice("camera_model", {
+        **dict.fromkeys(PINHOLES, (None, 0, MODELS)), "omni": (MEI, 1, ("radtan", "radialtangential", "none")),
+        "ds": (DOUBLE_SPHERE, 2, ("none",)), "eucm": (EUCM, 2, ("none",))})
+    distortion = chain["distortion_model"]
+    if count and plain(distortion) not in others:
+        raise Refused(f"{chain.where}distortion_model {distortion!r} of camera_model {chain['camera_model']}: must be "
+                      f"{' or '.join(others)}")
+    coefficients = [] if plain(distortion) == "none" else chain.list("distortion_coeffs")
+    intrinsics, found = chain.list("intrinsics", count + 4), lens(distortion, coefficients, chain.where)
+    if count:
+        found = model, intrinsics[:count] + (found[1][:4] if model == MEI else [])
+    return name, chain.list("resolution", 2), intrinsics[count:], found
 
 
 def from_basalt(content, index):
-    """`content` is what basalt's calibration.json has as value0."""
-    cameras, sizes, where = value_of(content, "intrinsics"), value_of(content, "resolution"), "intrinsics[%d]: " % index
+    """calibration.json."""
+    content = content.part("value0")
+    cameras, sizes = content["intrinsics"], content["resolution"]
     if not isinstance(cameras, list) or not isinstance(sizes, list) or index >= min(len(cameras), len(sizes)):
-        raise Refused("intrinsics and resolution: there is no camera %d" % index)
-    kind, parameters = str(value_of(cameras[index], "camera_type", where)), value_of(cameras[index], "intrinsics", where)
-    lenses = {"ds": (DOUBLE_SPHERE, ("xi", "alpha")), "eucm": (EUCM, ("alpha", "beta")), "ucm": (EUCM, ("alpha",)),
-              "kb4": (EQUIDISTANT, ("k1", "k2", "k3", "k4")), "pinhole": (PLUMB_BOB, ()),
-              "pinhole-radtan8": (RATIONAL, ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"))}
-    if kind not in lenses:
-        raise Refused("%scamera_type %r: must be one of %s; rectify the images of others" % (where, kind, ", ".join(lenses)))
-    model, names = lenses[kind]
-    coefficients = [number(parameters, name, where) for name in names]
-    coefficients += {"ucm": [1.0], "pinhole": [0.0] * 5}.get(kind, [])
-    return camera("cam%d" % index, numbers({"resolution": sizes[index]}, "resolution", 2, where),
-                  [number(parameters, name, where) for name in ("fx", "fy", "cx", "cy")], model, coefficients)
+        raise Refused(f"intrinsics and resolution: there is no camera {index}")
+    camera = Fields(cameras[index], f"intrinsics[{index}]: ")
+    model, names, others = camera.choice("camera_type", {
+        "ds": (DOUBLE_SPHERE, "xi alpha", []), "eucm": (EUCM, "alpha beta", []), "ucm": (EUCM, "alpha", [1.0]),
+        "kb4": (EQUIDISTANT, "k1 k2 k3 k4", []), "pinhole": (PLUMB_BOB, "", [0.0] * 5),
+        "pinhole-radtan8": (RATIONAL, "k1 k2 p1 p2 k3 k4 k5 k6", [])})
+    parameters = Fields(camera["intrinsics"], camera.where)
+    return (f"cam{index}", Fields({"resolution": sizes[index]}, camera.where).list("resolution", 2), parameters.numbers("fx fy cx cy"),
+            (model, parameters.numbers(names) + others))
 
 
-def from_svo(content, name, where):
-    kind = str(content["cam_model"])
-    lens = {"pinhole": PLUMB_BOB, "pinholeradialtangential": PLUMB_BOB, "pinholeequidistant": EQUIDISTANT,
-            "pinholenodistortion": "none"}
-    if kind.lower() not in lens:
-        raise Refused("%scam_model %r: must be one of %s; rectify the images of others" % (where, kind, ", ".join(lens)))
-    value = lambda key, default=None: number(content, "cam_" + key, where, default)
-    return from_lens_model(name, [value("width"), value("height")], [value(key) for key in ("fx", "fy", "cx", "cy")],
-                           lens[kind.lower()], [value("d%d" % i, 0.0) for i in range(4)], where)
+def from_svo(content, index, name="camera"):
+    of_one_camera(index)
+    model = content.choice("cam_model", {"pinhole": PLUMB_BOB, "pinholeradialtangential": PLUMB_BOB,
+                                         "pinholeequidistant": EQUIDISTANT, "pinholenodistortion": "none"})
+    return (name, content.numbers("width height", "cam_"), content.numbers("fx fy cx cy", "cam_"),
+            lens(model, content.numbers("d0 d1 d2 d3", "cam_", default=0.0), content.where))
 
 
-def from_list(cameras, index):
+def from_list(content, index):
     """OKVIS, and the rigs of SVO and maplab."""
+    rigs = [sensor["cameras"] for sensor in content.get("sensors", []) if isinstance(sensor, dict) and "cameras" in sensor]
+    cameras = content.get("cameras", sum(rigs, []))
     if not isinstance(cameras, list) or index >= len(cameras):
-        raise Refused("cameras: there is no camera %d" % index)
-    entry, where, name = cameras[index], "cameras[%d]: " % index, "cam%d" % index
-    if isinstance(entry, dict) and "camera" in entry:
-        entry = entry["camera"]
-    if isinstance(entry, dict) and "intrinsics" in entry:
-        kind = value_of(entry, "type", where)
-        if not is_pinhole(kind):
-            raise Refused("%stype %r: must be pinhole; rectify the images of others" % (where, kind))
-        distortion = value_of(entry, "distortion", where)
-        model = value_of(distortion, "type", where + "distortion.")
-        coefficients = [] if str(model).lower() == "none" else numbers(distortion, "parameters", where=where + "distortion.")
-        return from_lens_model(name, [number(entry, "image_" + side, where) for side in ("width", "height")],
-                               numbers(entry, "intrinsics", 4, where), model, coefficients, where)
-    intrinsics = numbers(entry, "focal_length", 2, where) + numbers(entry, "principal_point", 2, where)
-    return from_lens_model(name, numbers(entry, "image_dimension", 2, where), intrinsics,
-                           value_of(entry, "distortion_type", where),
-                           numbers(entry, "distortion_coefficients", where=where), where)
+        raise Refused(f"cameras: there is no camera {index}")
+    camera, name = Fields(cameras[index], f"cameras[{index}]: "), f"cam{index}"
+    camera = Fields(camera.get("camera", camera.values), camera.where)
+    if "intrinsics" not in camera:
+        return (name, camera.list("image_dimension", 2), camera.list("focal_length", 2) + camera.list("principal_point", 2),
+                lens(camera["distortion_type"], camera.list("distortion_coefficients"), camera.where))
+    camera.choice("type", PINHOLES)
+    distortion = camera.part("distortion")
+    coefficients = [] if plain(distortion["type"]) == "none" else distortion.list("parameters")
+    return (name, camera.numbers("image_width image_height"), camera.list("intrinsics", 4),
+            lens(distortion["type"], coefficients, camera.where))
 
 
 def from_euroc(content, index):
-    only_camera(index)
-    kind = content.get("camera_model", "pinhole")
-    if not is_pinhole(kind):
-        raise Refused("camera_model %r: must be pinhole; rectify the images of others" % kind)
-    return from_lens_model(str(content.get("camera_id", "camera")), numbers(content, "resolution", 2),
-                           numbers(content, "intrinsics", 4), value_of(content, "distortion_model"),
-                           numbers(content, "distortion_coefficients"), "")
+    of_one_camera(index)
+    content.choice("camera_model", PINHOLES, "pinhole")
+    return (content.get("camera_id", "camera"), content.list("resolution", 2), content.list("intrinsics", 4),
+            lens(content["distortion_model"], content.list("distortion_coefficients")))
 
 
-def from_matrix(content, index, named):
-    """OpenCV, ROVIO and camera_calibration. `named`: the file's name of what is called so in small letters and digits."""
+def from_matrix(content, index):
+    """OpenCV, ROVIO and camera_calibration; also what is to be written of rectification."""
+    named = {plain(name): name for name in content.values}
+
     def first(*names):
+        """The file's name of the first that it has, however it is written."""
         return next((named[plain(name)] for name in names if plain(name) in named), names[0])
-    numbered = first("m%d" % (index + 1), "k%d" % (index + 1))
-    if numbered not in content:
-        only_camera(index)
-    k = numbers(content, numbered if numbered in content else first("camera_matrix", "k"), 9)
+    matrix_name = first(f"m{index + 1}", f"k{index + 1}")
+    if matrix_name not in content:
+        of_one_camera(index)
+        matrix_name = first("camera_matrix", "k")
+    k = content.list(matrix_name, 9)
     if k[1] != 0 or k[3] != 0 or k[6:] != [0, 0, 1]:
-        raise Refused("camera matrix %r: must be fx 0 cx, 0 fy cy, 0 0 1" % k)
-    coefficients = numbers(content, first("distortion_coefficients", "distcoeffs", "d%d" % (index + 1), "d"))
-    fisheye = number(content, first("fisheyemodel"), default=0.0) != 0
+        raise Refused(f"camera matrix {k!r}: must be fx 0 cx, 0 fy cy, 0 0 1")
+    coefficients = content.list(first("distortion_coefficients", "distcoeffs", f"d{index + 1}", "d"))
+    fisheye = content.number(first("fisheyemodel"), 0.0) != 0
     by_count = EQUIDISTANT if fisheye else PLUMB_BOB if len(coefficients) <= 5 else RATIONAL
-    result = from_lens_model(str(content.get(first("cameraname"), "camera")),
-                             [number(content, first("image_" + side), default=0.0) for side in ("width", "height")],
-                             [k[0], k[4], k[2], k[5]], content.get(first("distortionmodel")) or by_count, coefficients, "")
-    for name, count in (("rectification_matrix", 9), ("projection_matrix", 12)):
-        if plain(name) in named:
-            result[name] = numbers(content, first(name), count)
-    return result
+    size = [content.number(first("image_" + side), 0.0) for side in ("width", "height")]
+    rectification = {name: content.list(first(name), count) for name, count in (
+        ("rectification_matrix", 9), ("projection_matrix", 12)) if plain(name) in named}
+    return (content.get(first("cameraname"), "camera"), size, [k[0], k[4], k[2], k[5]],
+            lens(content.get(first("distortionmodel"), None) or by_count, coefficients), rectification)
 
 
-def only_camera(index):
-    if index > 0:
-        raise Refused("is of one camera: there is no camera %d" % index)
+# By a name that only these files have.
+READERS = {"model_type": from_vins, "value0": from_basalt, r"Camera\.fxl": from_ov2slam,
+           r"Camera1?\.fx|Camera\.(type|model)": from_orb_slam, r"cam\d+": from_kalibr, "cam_model": from_svo,
+           "cameras|sensors": from_list, "intrinsics": from_euroc, r"(?i)camera[\W_]*matrix|k|[mk]1": from_matrix}
 
 
 def convert(text, index=0, size=None):
     """The camera `index` (from 0) of a file; `size` [width, height] in px takes the place of the file's. Raises Refused."""
-    content = read_content(text)
-    if isinstance(content.get("Camera"), dict):  # stella_vslam
-        content = {"Camera.%s" % key: value for key, value in content["Camera"].items()}
-    named = {plain(key): key for key in content}
-    rigs = [sensor["cameras"] for sensor in content.get("sensors") or [] if isinstance(sensor, dict) and "cameras" in sensor]
-    if "model_type" in content:
-        result = from_vins(content, index)
-    elif "value0" in content:
-        result = from_basalt(content["value0"], index)
-    elif "Camera.fxl" in content:
-        result = from_ov2slam(content, index)
-    elif any(key in content for key in ("Camera.fx", "Camera1.fx", "Camera.type", "Camera.model")):
-        result = from_orb_slam(content, index)
-    elif any(re.fullmatch(r"cam\d+", str(key)) for key in content):
-        result = from_kalibr(content, index)
-    elif "cam_model" in content:
-        only_camera(index)
-        result = from_svo(content, "camera", "")
-    elif "cameras" in content or rigs:
-        result = from_list(content["cameras"] if "cameras" in content else sum(rigs, []), index)
-    elif "intrinsics" in content:
-        result = from_euroc(content, index)
-    elif any(name in named for name in ("cameramatrix", "k", "m1", "k1")):
-        result = from_matrix(content, index, named)
-    else:
-        for key in ("cam%d_calib" % index, "relative_config_imucam"):  # VINS, OpenVINS
-            if key in content:
-                raise Refused("names the cameras' own file: convert %s" % content[key])
+    content = Fields(read_content(text))
+    if isinstance(content.get("Camera", None), dict):  # stella_vslam
+        content = Fields({f"Camera.{name}": value for name, value in content["Camera"].items()})
+    reader = next((reader for names, reader in READERS.items()
+                   if any(re.fullmatch(names, str(name)) for name in content.values)), None)
+    if reader is None:
+        for name in (f"cam{index}_calib", "relative_config_imucam"):  # VINS, OpenVINS
+            if name in content:
+                raise Refused(f"names the cameras' own file: convert {content[name]}")
         raise Refused("is of no known kind: there is no model_type (VINS), Camera.fx, Camera1.fx or Camera (ORB-SLAM, "
                       "stella_vslam), Camera.fxl (OV2SLAM), cam0 (Kalibr), cam_model (SVO), cameras or sensors (OKVIS, SVO, "
                       "maplab), intrinsics (EuRoC), value0 (basalt) or camera_matrix (OpenCV, ROVIO)")
-    if size:
-        result["size"] = size
-    check(result)
-    return result
+    name, of_file, intrinsics, (model, coefficients), *rectification = reader(content, index)
+    check(size or of_file, intrinsics)
+    return {"name": str(name), "size": size or of_file, "intrinsics": intrinsics, "model": model,
+            "coefficients": coefficients, **dict(*rectification)}
 
 
-def check(result):
-    fx, fy, cx, cy = result["intrinsics"]
-    width, height = result["size"]
+def check(size, intrinsics):
+    (width, height), (fx, fy, cx, cy) = size, intrinsics
     if width < 1 or height < 1 or width != int(width) or height != int(height):
-        raise Refused("image size %g x %g: must be whole numbers above 0; give --size" % (width, height))
+        raise Refused(f"image size {width:g} x {height:g}: must be whole numbers above 0; give --size")
     if not (fx > 0 and fy > 0):
-        raise Refused("focal length %g, %g: must be above 0" % (fx, fy))
+        raise Refused(f"focal length {fx:g}, {fy:g}: must be above 0")
     if not (0 <= cx < width and 0 <= cy < height):
-        raise Refused("principal point (%g, %g): is outside of the image of %d x %d" % (cx, cy, width, height))
+        raise Refused(f"principal point ({cx:g}, {cy:g}): is outside of the image of {width:g} x {height:g}")
 
 
 def shortest(value):

@@ -35,25 +35,7 @@ mkdir -p "$out"
 "$bin/acmp_check_bag" "$out/room.bag"
 
 step "mapping"
-port=$(/usr/bin/python3 -c 'import socket; s = socket.socket(); s.bind(("", 0)); print(s.getsockname()[1])')
-export ROS_MASTER_URI=http://localhost:$port  # a ROS that runs already is left alone
-topics="/camera/image_raw /camera/camera_info /slam/pose /slam/sparse_points"
-if $show; then topics="$topics /tf"; fi  # only rviz listens to it
-roslaunch --port "$port" acmp_mapping demo.launch bag:="$out/room.bag" save_folder:="$out" rviz:=$show preset:=online \
-  device:="${DEVICE:-}" play_args:="--wait-for-subscribers --quiet --topics $topics" >"$out/roslaunch.log" 2>&1 </dev/null &
-launch=$!
-# roslaunch ends its nodes on SIGTERM; as a background job it would ignore SIGINT.
-trap 'kill -TERM $launch 2>/dev/null || true; wait $launch 2>/dev/null || true' EXIT
-scripts/save_demo_output.py "$out/room.bag" "$out" --timeout 1200 &
-saver=$!
-code=0
-wait -n "$launch" "$saver" || code=$?  # which of them: wait -p is from bash 5.1
-if kill -0 "$saver" 2>/dev/null || [ "$code" -ne 0 ]; then  # without roslaunch the saver would wait in vain
-  kill "$saver" 2>/dev/null || true
-  echo "the end of $out/roslaunch.log:" >&2
-  tail -n 30 "$out/roslaunch.log" >&2
-  exit 1
-fi
+scripts/save_demo_output.py "$out/room.bag" "$out" --timeout 1200 rviz:=$show preset:=online device:="${DEVICE:-}"
 
 step "against the ground truth"
 echo "-- low-latency maps (before the geometric passes)"
@@ -67,7 +49,4 @@ if [ -f "$out/mesh.ply" ]; then
   scripts/draw_mesh.py "$out/mesh.ply" "$out/mesh.png"
 fi
 step
-if $show && [ -t 0 ]; then
-  read -r -p "rviz shows the map; press Enter to end "
-fi
 echo "pictures in $out/pictures, depth in $out/depth, the map in $out/map.ply"

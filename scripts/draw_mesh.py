@@ -20,31 +20,23 @@ BACKGROUND = (38, 40, 46)
 GREY, AMBIENT = 235.0, 0.15
 
 
-def read_header(file):
-    """Of each element of a PLY file: how many there are and the words of their properties."""
-    elements, element = {}, None
-    for line in iter(file.readline, b"end_header\n"):
-        words = line.decode("ascii", "replace").split()
-        if words[:1] == ["element"] and len(words) == 3:
-            element = elements[words[1]] = (int(words[2]), [])
-        elif words[:1] == ["property"] and element:
-            element[1].append(words[1:])
-        elif words[:1] not in (["comment"], ["format"], ["ply"]):
-            raise ValueError("the header has the line %r" % line)
-    return elements
-
-
 def read_records(file):
     """Vertices and faces of a binary PLY file, whose faces must have three corners."""
-    if file.readline() != b"ply\n" or file.readline() != b"format binary_little_endian 1.0\n":
+    header, _, data = file.read().partition(b"end_header\n")
+    header = [line.split() for line in header.decode("ascii", "replace").splitlines()]
+    if header[:2] != [["ply"], ["format", "binary_little_endian", "1.0"]]:
         raise ValueError("no binary PLY file")
-    elements = read_header(file)
-    if list(elements) != ["vertex", "face"]:
-        raise ValueError("no vertices and faces")
+    elements = {}  # name: how many, and the words of their properties
+    for words in header[2:]:
+        if words[0] == "element":
+            elements[words[1]] = count, properties = int(words[2]), []
+        elif words[0] == "property":
+            properties.append(words[1:])
+        elif words[0] != "comment":
+            raise ValueError(f"the header has {' '.join(words)!r}")
     (vertex_count, vertex), (face_count, ((_, count, index, _),)) = elements["vertex"], elements["face"]
     vertex = np.dtype([(name, PLY_TYPES[kind]) for kind, name in vertex])
     face = np.dtype([("count", PLY_TYPES[count]), ("index", PLY_TYPES[index], 3)])
-    data = file.read()
     return np.frombuffer(data, vertex, vertex_count), np.frombuffer(data, face, face_count, vertex_count * vertex.itemsize)
 
 
@@ -61,8 +53,8 @@ def read_mesh(path):
             raise ValueError("no triangles, or others")
         if triangles.min() < 0 or triangles.max() >= len(vertices):
             raise ValueError("triangles of vertices that are not there")
-    except (KeyError, ValueError) as error:
-        raise ValueError("%s: %s" % (path, error)) from error
+    except (IndexError, KeyError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
     return positions, normals, colors, triangles
 
 
@@ -120,11 +112,10 @@ def main():
         picture, triangles = draw(read_mesh(arguments.mesh), arguments.up, arguments.size)
         Image.fromarray(picture).save(arguments.picture, optimize=True)
     except (OSError, ValueError) as error:
-        print("draw_mesh: %s" % error, file=sys.stderr)
-        return 2
-    print("mesh: %d triangles, drawn in %s" % (triangles, arguments.picture))
-    return 0
+        print(f"draw_mesh: {error}", file=sys.stderr)
+        sys.exit(2)
+    print(f"mesh: {triangles} triangles, drawn in {arguments.picture}")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

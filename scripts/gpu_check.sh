@@ -13,35 +13,27 @@ programs="src/tools/acmp_reconstruct src/tools/acmp_evaluate src/tools/acmp_benc
   test/pipeline/test_pipeline_synthetic test/pipeline/test_masks test/pipeline/test_prior_depth"
 
 bundle() {
-  local source folder build path program soname scene
+  local source build folder=$1 scene part
   source=$(cd "$(dirname "$0")/.." && pwd)
-  folder=$1
-  shift
   build=$source/build_gpu
+  shift
   cmake -S "$source" -B "$build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DACMP_ROS=OFF -DACMP_CUDA=ON \
     -DACMP_CUDA_ARCHITECTURES="${ACMP_CUDA_ARCHITECTURES:-90}" > /dev/null
   # shellcheck disable=SC2086
   ninja -C "$build" $(basename -a $programs)
   mkdir -p "$folder/bin" "$folder/lib" "$folder/scenes"
   cp "$0" "$folder/"
-  for program in $programs; do
-    cp "$build/$program" "$folder/bin/"
-    # Everything but glibc's own libraries and the driver's, which must be the GPU machine's.
-    ldd "$build/$program" | awk '$3 ~ /^\// {print $1, $3}' | while read -r soname path; do
-      case $soname in
-        libc.so* | libm.so* | libpthread.so* | libdl.so* | librt.so* | ld-linux* | libcuda.so*) ;;
-        *) cp -L "$path" "$folder/lib/$soname" ;;
-      esac
-    done
-  done
+  (cd "$build" && cp $programs "$folder/bin/")
+  # Everything but glibc's own libraries and the driver's, which must be the GPU machine's.
+  ldd "$folder"/bin/* | awk '$3 ~ /^\// && $1 !~ /^(lib(c|m|pthread|dl|rt|cuda)\.so|ld-linux)/ {print $3}' | sort -u |
+    xargs cp -Lt "$folder/lib"
   for scene in "$@"; do
     mkdir -p "$folder/scenes/$(basename "$scene")"
     for part in images cams pair.txt cameras.txt depth gt_sparse; do
       [ ! -e "$scene/$part" ] || cp -r "$scene/$part" "$folder/scenes/$(basename "$scene")/"
     done
   done
-  chmod -R u+w "$folder"
-  tar -C "$folder" -cJf "$folder/programs.tar.xz" bin lib  # libraries are large and compress well
+  tar -C "$folder" --mode=u+w -cJf "$folder/programs.tar.xz" bin lib  # libraries are large and compress well
   rm -r "$folder/bin" "$folder/lib"
   du -sh "$folder"
 }

@@ -1,12 +1,11 @@
 #!/usr/bin/env python3
 """Plays recordings to the nodelets as launched for their frontends and prints one table. See gpu_nodelets.sh. Without a GPU:
 
-    source scripts/ros_environment.sh build; scripts/gpu_nodelets.py ov2slam.bag --device cpu    # launches ov2slam.launch
+    source scripts/ros_environment.sh build; scripts/gpu_nodelets.py ov2slam.bag --set device:=cpu    # launches ov2slam.launch
 """
 import argparse
 import itertools
 import math
-import shutil
 import signal
 import subprocess
 import tempfile
@@ -24,7 +23,7 @@ import nodelet_session
 from nodelet_session import start_master, wait_for
 
 COUNTS = ("keyframes", "fast depth maps", "refined depth maps", "withdrawn from the map, since poses contradict the images")
-COLUMNS = ("recording", "preset", "cameras", "rate", "images", "keyframes", "first maps", "refined maps", "withdrawn",
+COLUMNS = ("recording", "cameras", "rate", "images", "keyframes", "first maps", "refined maps", "withdrawn",
            "image to first map: median, 95 %, most [ms]", "image to refined map, which waits for later keyframes [ms]",
            "over time: GPU memory [MiB]", "memory of the nodelets [MiB]", "their threads")
 
@@ -32,8 +31,6 @@ COLUMNS = ("recording", "preset", "cameras", "rate", "images", "keyframes", "fir
 def parse_arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bags", type=Path, nargs="+", help="recordings with compressed images, named as launch files")
-    parser.add_argument("--device", default="cuda")
-    parser.add_argument("--presets", nargs="+", default=["balanced"])
     parser.add_argument("--rates", type=float, nargs="+", default=[1], help="times real time")
     parser.add_argument("--cameras", type=int, nargs="+", default=[1], help="mappers at once, each with all images, one map")
     parser.add_argument("--seconds", type=float, default=0, help="plays the recording again and again for so long")
@@ -42,17 +39,15 @@ def parse_arguments():
 
 
 def gpu_mib():
-    """Memory in use on all GPUs."""
-    if not shutil.which("nvidia-smi"):
-        return 0
-    query = ["nvidia-smi", "--query-gpu=memory.used", "--format=csv,noheader,nounits"]
-    return sum(map(int, subprocess.run(query, check=True, stdout=subprocess.PIPE, text=True).stdout.split()))
+    """Memory in use on all GPUs; 0 without nvidia-smi."""
+    query = "nvidia-smi --query-gpu=memory.used --format=csv,noheader,nounits || true"
+    return sum(map(int, subprocess.run(query, shell=True, capture_output=True, text=True, check=True).stdout.split()))
 
 
 class Mapper:
     """A mapper as launched for its frontend, and how long after their image its maps came here."""
 
-    def __init__(self, bag, number, arguments, preset, log):
+    def __init__(self, bag, number, arguments, log):
         self.name, self.images, self.fast, self.refined, self.values = f"/acmp_{number}", {}, [], [], {}
         with rosbag.Bag(str(bag)) as reader:
             topics = {info.msg_type: topic for topic, info in reader.get_type_and_topic_info().topics.items()}
@@ -63,9 +58,9 @@ class Mapper:
                             rospy.Subscriber("/diagnostics", DiagnosticArray, self.on_diagnostics)]
         others = [] if number == 1 else ["map:=false", "keyframe_points:=/acmp_1/keyframe_points"]
         self.launch = subprocess.Popen(
-            ["roslaunch", "acmp_mapping", f"{bag.stem}.launch", f"namespace:={self.name[1:]}", f"preset:={preset}",
-             f"device:={arguments.device}", f"image:={image[:-len('/compressed')]}", "image_transport:=compressed",
-             f"camera_info:={camera_info}", *others, *arguments.set], stdout=log, stderr=subprocess.STDOUT)
+            ["roslaunch", "acmp_mapping", f"{bag.stem}.launch", f"namespace:={self.name[1:]}", "preset:=balanced", "device:=cuda",
+             f"image:={image[:-len('/compressed')]}", "image_transport:=compressed", f"camera_info:={camera_info}", *others,
+             *arguments.set], stdout=log, stderr=subprocess.STDOUT)
 
     def on_image(self, message):
         self.images[message.header.stamp] = time.monotonic()
@@ -91,7 +86,7 @@ class Mapper:
         self.launch.wait(60)
 
 
-def measure(arguments, log, bag, preset, cameras, rate):
+def measure(arguments, log, bag, cameras, rate):
     """A row of the table. Samples once a second: memory of the GPU and of the managers [MiB], the managers' threads."""
     before_mib, mappers, samples = gpu_mib(), [], []
 
@@ -103,7 +98,7 @@ def measure(arguments, log, bag, preset, cameras, rate):
         return ", ".join(f"{values[round(share * (len(values) - 1))]:.0f}" for share in shares) if values else "-"
     try:
         for number in range(1, cameras + 1):
-            mappers.append(Mapper(bag, number, arguments, preset, log))
+            mappers.append(Mapper(bag, number, arguments, log))
             mappers[-1].wait_until_ready()  # roslaunch does not start twice at the same time
         player = subprocess.Popen(["rosbag", "play", "--quiet", "--wait-for-subscribers", "-r", str(rate), str(bag),
                                    *["--loop"] * bool(arguments.seconds)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
@@ -122,7 +117,7 @@ def measure(arguments, log, bag, preset, cameras, rate):
             mapper.stop()
     counts = [sum(int(mapper.values.get(key, 0)) for mapper in mappers) for key in COUNTS]
     latencies = [sorted(sum(lists, [])) for lists in zip(*((mapper.fast, mapper.refined) for mapper in mappers))]
-    return [bag.stem, preset, cameras, f"{rate:g}", sum(len(mapper.images) for mapper in mappers), *counts,
+    return [bag.stem, cameras, f"{rate:g}", sum(len(mapper.images) for mapper in mappers), *counts,
             *(some(values, (0.5, 0.95, 1)) for values in latencies),
             *(some(values, (0, 0.2, 0.4, 0.6, 0.8, 1)) for values in zip(*samples))]
 
@@ -134,7 +129,7 @@ def main():
         rospy.init_node("gpu_nodelets", disable_signals=True)
         rows = [COLUMNS, ["---"] * len(COLUMNS)]
         with tempfile.TemporaryFile("w+") as log:
-            for what in itertools.product(arguments.bags, arguments.presets, arguments.cameras, arguments.rates):
+            for what in itertools.product(arguments.bags, arguments.cameras, arguments.rates):
                 rows.append(measure(arguments, log, *what))
             log.seek(0)
             print(*sorted({line.strip()[:300] for line in log if "ERROR" in line or "WARN" in line or "died" in line}), sep="\n")

@@ -9,24 +9,28 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-# packages SECTION: the packages of one section of the list; those before the first have the section "".
+# packages SECTION: the packages of one section of the list, one a line; those before the first have the section "".
 packages() {
   awk -v wanted="$1" '/^\[/ { section = substr($0, 2, length($0) - 2) }
-                      !/^(\[|#|$)/ && section == wanted' scripts/debian_packages.txt
+                      !/^(\[|#|$)/ && section == wanted { gsub(/ /, "\n"); print }' scripts/debian_packages.txt
 }
 
+# is_in SECTION PACKAGE
+is_in() { packages "$1" | grep -qx "$2"; }
+
+# is_known PACKAGE: apt-cache show also succeeds for packages that others only name.
+is_known() { [ -n "$(apt-cache madison "$1")" ]; }
+
 release=$(. /etc/os-release && echo "$VERSION_CODENAME")
-wanted=$(packages ""; packages headers)
+wanted="$(packages "") $(packages headers)"
 for argument in "$@"; do
-  case $argument in
-    --display) wanted+=" $(packages display)" ;;
-    --cuda)
-      if [ "$release" = bullseye ] || [ "$release" = focal ]; then
-        echo "--cuda: the CUDA toolkit of this release ($release) is older than 11.4: install NVIDIA's" >&2
-        exit 2
-      fi
-      wanted+=" $(packages cuda)"
+  case $argument-$release in
+    --display-*) wanted+=" $(packages display)" ;;
+    --cuda-bullseye | --cuda-focal)
+      echo "--cuda: the CUDA toolkit of this release ($release) is older than 11.4: install NVIDIA's" >&2
+      exit 2
       ;;
+    --cuda-*) wanted+=" $(packages cuda)" ;;
     *)
       echo "usage: $0 [--display] [--cuda]" >&2
       exit 2
@@ -52,62 +56,48 @@ fi
 # apt_get ARGUMENT...: as root. env inside sudo, which drops the environment.
 apt_get() { "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get "$@"; }
 
-# install_from_next_release PACKAGE...: packages without dependencies, from the release after this one. The list of its
-# packages is kept apart, so that apt takes nothing else from it.
-install_from_next_release() {
-  local next folder apart
+echo "installing ${#missing[@]} Debian packages and what they depend on"
+work=$(mktemp -d)
+exec 3>&1 4>&2 >"$work/log" 2>&1 </dev/null
+finish() {
+  local code=$?
+  if [ "$code" -ne 0 ]; then
+    tail -n 30 "$work/log" >&4
+    echo "packages could not be installed; their names are those of Debian 11 to 13" >&4
+  fi
+  "${as_root[@]}" rm -rf "$work"
+  exit $((code != 0))
+}
+trap finish EXIT
+
+apt_get update
+here=() from_next=()
+for package in "${missing[@]}"; do
+  if is_in cuda "$package" && ! is_known "$package"; then
+    # The section non-free from where the release comes from, and what the driver's library there needs.
+    apt-get indextargets --format "deb \$(REPO_URI) $release contrib non-free non-free-firmware" "Created-By: Packages" \
+      "Component: main" "Codename: $release" | sort -u |
+      "${as_root[@]}" tee /etc/apt/sources.list.d/acmp_mapping_non_free.list
+    apt_get update
+  fi
+  if is_in headers "$package" && ! is_known "$package"; then from_next+=("$package"); else here+=("$package"); fi
+done
+[ ${#here[@]} -eq 0 ] || apt_get install -y --no-install-recommends "${here[@]}"
+if [ ${#from_next[@]} -gt 0 ]; then
+  # Headers alone, for any processor, may come from the release after this one. The list of its packages is kept apart, so
+  # that apt takes nothing else from it.
   case $release in
     bullseye) next=bookworm ;;
     focal) next=jammy ;;
-    *)
-      echo "this release ($release) does not have: $*"
-      return 1
-      ;;
+    *) echo "this release ($release) does not have: ${from_next[*]}"; exit 1 ;;
   esac
-  echo "from the release after this one: $*"
-  folder=$(mktemp -d)
-  mkdir -p "$folder/lists/partial"
-  sed -n "s/^\(deb .*\) $release \(.*\)/\1 $next \2/p" /etc/apt/sources.list >"$folder/sources.list"
-  apart=(-o Dir::Etc::SourceList="$folder/sources.list" -o Dir::Etc::SourceParts=- -o Dir::State::Lists="$folder/lists"
+  echo "from the release after this one: ${from_next[*]}"
+  mkdir -p "$work/lists/partial"
+  sed -n "s/^\(deb .*\) $release \(.*\)/\1 $next \2/p" /etc/apt/sources.list >"$work/sources.list"
+  apart=(-o Dir::Etc::SourceList="$work/sources.list" -o Dir::Etc::SourceParts=- -o Dir::State::Lists="$work/lists"
          -o APT::Sandbox::User=root)
-  apt_get "${apart[@]}" update && (cd "$folder" && apt_get "${apart[@]}" download "$@") &&
-    "${as_root[@]}" dpkg -i "$folder"/*.deb && "${as_root[@]}" rm -rf "$folder"
-}
-
-# add_non_free: the section non-free from where the release comes from, and what the driver's library there needs.
-add_non_free() {
-  apt-get indextargets --format "deb \$(REPO_URI) $release contrib non-free non-free-firmware" "Created-By: Packages" "Component: main" \
-    "Codename: $release" | sort -u | "${as_root[@]}" tee /etc/apt/sources.list.d/acmp_mapping_non_free.list
-  apt_get update
-}
-
-# is_known PACKAGE: apt-cache show also succeeds for packages that others only name.
-is_known() { [ -n "$(apt-cache madison "$1")" ]; }
-
-# install_missing: headers alone, for any processor, may come from the next release; what else this one lacks ends it.
-install_missing() {
-  local package here=() next=()
-  apt_get update || return 1
-  for package in "${missing[@]}"; do
-    if packages cuda | grep -qx "$package" && ! is_known "$package"; then
-      add_non_free || return 1
-    fi
-    if packages headers | grep -qx "$package" && ! is_known "$package"; then
-      next+=("$package")
-    else
-      here+=("$package")
-    fi
-  done
-  if [ ${#here[@]} -gt 0 ]; then apt_get install -y --no-install-recommends "${here[@]}" || return 1; fi
-  if [ ${#next[@]} -gt 0 ]; then install_from_next_release "${next[@]}" || return 1; fi
-}
-
-echo "installing ${#missing[@]} Debian packages and what they depend on"
-log=$(mktemp)
-trap 'rm -f "$log"' EXIT
-if ! install_missing >"$log" 2>&1 </dev/null; then
-  tail -n 30 "$log" >&2
-  echo "packages could not be installed; their names are those of Debian 11 to 13" >&2
-  exit 1
+  apt_get "${apart[@]}" update
+  (cd "$work" && apt_get "${apart[@]}" download "${from_next[@]}")
+  "${as_root[@]}" dpkg -i "$work"/*.deb
 fi
-echo "done"
+echo "done" >&3

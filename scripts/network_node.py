@@ -17,10 +17,11 @@ import collections
 import difflib
 import io
 import math
-import os
 import sys
 import threading
 import time
+import types
+from pathlib import Path
 
 import numpy as np
 import PIL.Image
@@ -60,12 +61,11 @@ class Description:
 
     def __init__(self, path):
         try:
-            with open(path, encoding="utf-8") as file:
-                content = yaml.safe_load(file)
+            content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise Refused("%s: %s" % (path, error)) from error
+            raise Refused(f"{path}: {error}") from error
         if not isinstance(content, dict):
-            raise Refused("%s: must have keys and values" % path)
+            raise Refused(f"{path}: must have keys and values")
         self.path = path
         for name, value in content.items():
             self.check(name, value)
@@ -73,41 +73,38 @@ class Description:
             if default is REQUIRED and name not in content:
                 self.refuse(name, "missing")
             setattr(self, name, content.get(name, default))
-        self.check_together()
-        self.file = os.path.join(os.path.dirname(os.path.abspath(path)), os.path.expanduser(self.file))
-        self.is_depth = self.kind in DEPTH_KINDS
-
-    def refuse(self, name, why):
-        raise Refused("%s: %s: %s" % (self.path, name, why))
-
-    def check(self, name, value):
-        if name not in KEYS:
-            near = difflib.get_close_matches(str(name), KEYS, 1)
-            self.refuse(name, "is not known" + (": %s?" % near[0] if near else "; known are " + ", ".join(KEYS)))
-        _, kind, *allowed = KEYS[name]
-        if not is_a(value, kind):
-            names = {str: "text", int: "a whole number", float: "a number", list: "a list"}
-            self.refuse(name, "%r: must be %s" % (value, names[kind]))
-        if kind is str and allowed and value not in allowed:
-            self.refuse(name, "%r: must be one of %s" % (value, ", ".join(allowed)))
-        if kind in (int, float) and not allowed[0] <= value <= allowed[1]:
-            self.refuse(name, "%g: must be between %g and %g" % (value, *allowed))
-        if kind is list:
-            count, item, least, most = allowed
-            if not value or count not in (None, len(value)) or not all(is_a(v, item) and least <= v <= most for v in value):
-                self.refuse(name, "%r: must be %s%s numbers between %g and %g" % (
-                    value, "some" if count is None else count, " whole" if item is int else "", least, most))
-
-    def check_together(self):
         if (self.size is None) == (self.longer_side is None):
             self.refuse("size", "must be there, or longer_side (with multiple_of) in its place")
         if self.multiple_of is not None and self.longer_side is None:
             self.refuse("multiple_of", "is for longer_side")
         for kind, name in (("probability", "threshold"), ("classes", "ignore")):
             if (self.kind == kind) != (getattr(self, name) is not None):
-                self.refuse(name, "must be there if kind is %s, and only then" % kind)
-        if self.grow and self.kind in DEPTH_KINDS:
+                self.refuse(name, f"must be there if kind is {kind}, and only then")
+        self.is_depth = self.kind in DEPTH_KINDS
+        if self.grow and self.is_depth:
             self.refuse("grow", "is for masks")
+        self.file = Path(path).absolute().parent / Path(self.file).expanduser()
+
+    def refuse(self, name, why):
+        raise Refused(f"{self.path}: {name}: {why}")
+
+    def check(self, name, value):
+        if name not in KEYS:
+            near = difflib.get_close_matches(str(name), KEYS, 1)
+            self.refuse(name, "is not known" + (f": {near[0]}?" if near else "; known are " + ", ".join(KEYS)))
+        _, kind, *allowed = KEYS[name]
+        if not is_a(value, kind):
+            names = {str: "text", int: "a whole number", float: "a number", list: "a list"}
+            self.refuse(name, f"{value!r}: must be {names[kind]}")
+        if kind is str and allowed and value not in allowed:
+            self.refuse(name, f"{value!r}: must be one of {', '.join(allowed)}")
+        if kind in (int, float) and not allowed[0] <= value <= allowed[1]:
+            self.refuse(name, f"{value:g}: must be between {allowed[0]:g} and {allowed[1]:g}")
+        if kind is list:
+            count, item, least, most = allowed
+            if not value or count not in (None, len(value)) or not all(is_a(v, item) and least <= v <= most for v in value):
+                self.refuse(name, f"{value!r}: must be {count or 'some'}{' whole' if item is int else ''} numbers between "
+                            f"{least:g} and {most:g}")
 
     def input_size(self, width, height):
         """Width and height of what the network gets of an image."""
@@ -138,11 +135,11 @@ def to_depth(description, output):
     output = output.astype(np.float32)
     known = np.isfinite(output) & ((output > 0) | (description.kind != "depth"))
     if not known.any():
-        raise Refused("none of the network's %d values is %s" % (
-            output.size, "positive and finite" if description.kind == "depth" else "finite"))
+        wanted = "positive and finite" if description.kind == "depth" else "finite"
+        raise Refused(f"none of the network's {output.size} values is {wanted}")
     least, most = output[known].min(), output[known].max()
     if not most - least > 1e-6 * max(abs(least), abs(most)):
-        raise Refused("the network's output is the same everywhere: %g" % least)
+        raise Refused(f"the network's output is the same everywhere: {least:g}")
     if description.kind == "inverse_depth":
         farthest = 10  # times as far as the nearest: what it is changes shift and scale only
         output = 1 / (1 / farthest + (output - least) / (most - least))
@@ -152,9 +149,9 @@ def to_depth(description, output):
 def to_mask(description, output, size):
     """Mask of the output (height x width, or classes x height x width), of the image's size: uint8, 0 where the image is
     to be ignored, else 255."""
-    if not np.isfinite(output).all():
-        raise Refused("%d of the network's %d values are not finite" % (
-            np.count_nonzero(~np.isfinite(output)), output.size))
+    unknown = np.count_nonzero(~np.isfinite(output))
+    if unknown:
+        raise Refused(f"{unknown} of the network's {output.size} values are not finite")
     if description.kind == "probability":
         ignored = resized(output.astype(np.float32), size, BILINEAR) >= description.threshold
     else:
@@ -179,47 +176,44 @@ class Network:
 
     def __init__(self, description, threads=0):
         self.description = description
+        file = description.file
         try:
             import onnxruntime  # pylint: disable=import-outside-toplevel
         except ImportError as error:
-            raise Refused("ONNX Runtime is missing (pip install onnxruntime, for a GPU onnxruntime-gpu): %s" %
-                          error) from error
-        if not os.path.isfile(description.file):
-            raise Refused("%s: file: %s is missing%s" % (description.path, description.file, (
-                "; get it from " + description.source) if description.source else ""))
+            raise Refused(f"ONNX Runtime is missing (pip install onnxruntime, for a GPU onnxruntime-gpu): {error}") from error
+        if not file.is_file():
+            source = f"; get it from {description.source}" if description.source else ""
+            raise Refused(f"{description.path}: file: {file} is missing{source}")
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # others compute beside it
         options.log_severity_level = 3
         wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
         try:
-            self.session = onnxruntime.InferenceSession(description.file, options, providers=[
+            self.session = onnxruntime.InferenceSession(str(file), options, providers=[
                 name for name in wanted if name in onnxruntime.get_available_providers()])
         except Exception as error:  # ONNX Runtime's have no base class of their own
-            raise Refused("%s: ONNX Runtime cannot read it: %s" % (description.file, error)) from error
+            raise Refused(f"{file}: ONNX Runtime cannot read it: {error}") from error
         self.device = self.session.get_providers()[0].replace("ExecutionProvider", "")
-        self.input = self.described("input", self.session.get_inputs())
-        if len(self.session.get_inputs()) > 1:
-            raise Refused("%s: has %d inputs (%s): must have one" % (
-                description.file, len(self.session.get_inputs()),
-                ", ".join(i.name for i in self.session.get_inputs())))
-        self.output = self.described("output", self.session.get_outputs())
+        inputs = self.session.get_inputs()
+        self.input, self.output = self.named("input", inputs), self.named("output", self.session.get_outputs())
+        if len(inputs) > 1:
+            raise Refused(f"{file}: has {len(inputs)} inputs ({', '.join(i.name for i in inputs)}): must have one")
         if self.input.type not in DTYPES:
-            raise Refused("%s: input %s is a %s: must be one of %s" % (
-                description.file, self.input.name, self.input.type, ", ".join(DTYPES)))
+            raise Refused(f"{file}: input {self.input.name} is a {self.input.type}: must be one of {', '.join(DTYPES)}")
         self.channels_last = self.input.shape[-1] == 3
         # A picture that the network cannot mistake for a constant: does it take and give what is described?
         ramp = np.add.outer(np.arange(48, dtype=np.uint8), np.arange(64, dtype=np.uint8))
         self.outputs_of(np.repeat(ramp[:, :, None], 3, 2))
 
-    def described(self, key, tensors):
+    def named(self, key, tensors):
         """The input or output that the file names; else the first."""
         name = getattr(self.description, key)
-        for tensor in tensors:
-            if name in (None, tensor.name):
-                return tensor
-        raise Refused("%s: %s: the network has no %s, but %s" % (
-            self.description.path, key, name, ", ".join(tensor.name for tensor in tensors)))
+        found = [tensor for tensor in tensors if name in (None, tensor.name)]
+        if not found:
+            others = ", ".join(tensor.name for tensor in tensors)
+            raise Refused(f"{self.description.path}: {key}: the network has no {name}, but {others}")
+        return found[0]
 
     def shaped(self, image):
         """The prepared image with the axes that the network has."""
@@ -227,8 +221,8 @@ class Network:
         array = image.transpose(1, 2, 0) if self.channels_last else image
         array = array.reshape((1,) * max(len(shape) - 3, 0) + array.shape)
         if len(shape) != array.ndim or any(isinstance(n, int) and n > 0 and n != m for n, m in zip(shape, array.shape)):
-            raise Refused("%s: input %s is %s: the description makes %s of the image" % (
-                self.description.file, self.input.name, list(shape), list(array.shape)))
+            raise Refused(f"{self.description.file}: input {self.input.name} is {list(shape)}: the description makes "
+                          f"{list(array.shape)} of the image")
         return np.ascontiguousarray(array, DTYPES[self.input.type])
 
     def outputs_of(self, rgb):
@@ -239,22 +233,22 @@ class Network:
         try:
             output = self.session.run([self.output.name], {self.input.name: array})[0]
         except Exception as error:  # as above
-            raise Refused("%s: ONNX Runtime: %s" % (self.description.file, error)) from error
-        shape = output.shape
+            raise Refused(f"{self.description.file}: ONNX Runtime: {error}") from error
+        shape, classes = output.shape, self.description.kind == "classes"
         while output.ndim > 2 and output.shape[0] == 1:
             output = output[0]
         if output.ndim == 3 and output.shape[2] == 1:
             output = output[:, :, 0]
-        if output.ndim == 3 and self.channels_last and self.description.kind == "classes":
+        if output.ndim == 3 and self.channels_last and classes:
             output = output.transpose(2, 0, 1)
-        classes = self.description.kind == "classes"
         height, width = output.shape[-2:] if output.ndim > 1 else (1, 1)
         # At any scale; a side of a small output may be rounded by a pixel.
         same_shape = abs(width * size[1] - height * size[0]) <= max(size)
         if (output.ndim != 2 and not (classes and output.ndim == 3)) or min(height, width) < 2 or not same_shape:
-            raise Refused("%s: output %s is %s: kind %s needs one value for each pixel%s of an input of %d x %d, or at "
-                          "another scale" % (self.description.file, self.output.name, list(shape), self.description.kind,
-                                             ", or one for each class and pixel," if classes else "", *size))
+            scores = ", or one for each class and pixel," if classes else ""
+            raise Refused(f"{self.description.file}: output {self.output.name} is {list(shape)}: kind "
+                          f"{self.description.kind} needs one value for each pixel{scores} of an input of {size[0]} x "
+                          f"{size[1]}, or at another scale")
         return output
 
     def run(self, rgb):
@@ -272,13 +266,13 @@ def to_rgb(image):
     wide = encoding.endswith("16")
     base = encoding[:-2] if wide else encoding[:-1]
     if base not in CHANNELS or not (wide or encoding.endswith("8")):
-        raise Refused("image encoding %s: must be mono, rgb, bgr, rgba, bgra or bayer of 8 or 16 bits, yuv422 or "
-                      "yuv422_yuy2" % image.encoding)
+        raise Refused(f"image encoding {image.encoding}: must be mono, rgb, bgr, rgba, bgra or bayer of 8 or 16 bits, yuv422 "
+                      "or yuv422_yuy2")
     row_bytes = image.width * CHANNELS[base] * (2 if wide else 1)
     if min(image.width, image.height) < 2 or image.step < row_bytes or len(image.data) < image.step * image.height:
-        raise Refused("image of %d x %d px, encoding %s, step %d, with %d bytes: needs 2 x 2 px, a step of %d and %d bytes"
-                      % (image.width, image.height, image.encoding, image.step, len(image.data), row_bytes,
-                         max(image.step, row_bytes) * image.height))
+        raise Refused(f"image of {image.width} x {image.height} px, encoding {image.encoding}, step {image.step}, with "
+                      f"{len(image.data)} bytes: needs 2 x 2 px, a step of {row_bytes} and "
+                      f"{max(image.step, row_bytes) * image.height} bytes")
     rows = np.frombuffer(image.data, np.uint8, image.step * image.height).reshape(image.height, image.step)
     pixels = rows[:, :row_bytes].reshape(image.height, image.width, -1)
     if wide:  # the upper byte of each
@@ -305,7 +299,7 @@ def rgb_of_mosaic(mosaic, pattern):
 def rgb_of_yuv(pixels, luma):
     """Of height x width x 2 bytes: luma in one of them, u and v by turns in the other."""
     if pixels.shape[1] % 2:
-        raise Refused("yuv422 image with a width of %d px: must be even" % pixels.shape[1])
+        raise Refused(f"yuv422 image with a width of {pixels.shape[1]} px: must be even")
     chroma = pixels[:, :, 1 - luma]
     planes = pixels[:, :, luma], chroma[:, 0::2].repeat(2, 1), chroma[:, 1::2].repeat(2, 1)
     picture = PIL.Image.merge("YCbCr", [PIL.Image.fromarray(np.ascontiguousarray(plane)) for plane in planes])
@@ -320,42 +314,35 @@ def decoded(data):
             return np.repeat((np.asarray(picture) >> 8).astype(np.uint8)[:, :, None], 3, 2)
         return np.asarray(picture.convert("RGB"))
     except (OSError, ValueError, SyntaxError, PIL.Image.DecompressionBombError) as error:
-        raise Refused("picture of %d bytes: %s" % (len(data), error)) from error
-
-
-def write_pfm(path, depth):
-    with open(path, "wb") as file:
-        file.write(b"Pf\n%d %d\n-1.0\n" % depth.shape[::-1])
-        file.write(np.ascontiguousarray(depth[::-1], "<f4").tobytes())
+        raise Refused(f"picture of {len(data)} bytes: {error}") from error
 
 
 def run_on_folder(network, images, out):
     """Files for acmp_reconstruct, of all pictures below a folder. Returns how many images have none."""
-    names = sorted(os.path.relpath(os.path.join(folder, name), images) for folder, _, files in os.walk(images)
-                   for name in files if name.lower().endswith((".jpg", ".jpeg", ".png")))
+    names = sorted(path.relative_to(images) for path in Path(images).rglob("*")
+                   if path.suffix.lower() in (".jpg", ".jpeg", ".png"))
     if not names:
-        raise Refused("%s: has no .jpg or .png" % images)
+        raise Refused(f"{images}: has no .jpg or .png")
     refused, seconds = 0, 0.0
     for name in names:
-        path = os.path.join(out, os.path.splitext(name)[0] + ".pfm" if network.description.is_depth else name + ".png")
-        os.makedirs(os.path.dirname(path), exist_ok=True)
+        path = Path(out, name.with_suffix(".pfm") if network.description.is_depth else f"{name}.png")
+        path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            with open(os.path.join(images, name), "rb") as file:
-                rgb = decoded(file.read())
+            rgb = decoded(Path(images, name).read_bytes())
             start = time.monotonic()
             result = network.run(rgb)
             seconds += time.monotonic() - start
         except Refused as error:
-            print("%s: %s" % (name, error), file=sys.stderr)
+            print(f"{name}: {error}", file=sys.stderr)
             refused += 1
             continue
         if network.description.is_depth:
-            write_pfm(path, result)
+            header = b"Pf\n%d %d\n-1.0\n" % result.shape[::-1]
+            path.write_bytes(header + np.ascontiguousarray(result[::-1], "<f4").tobytes())
         else:
             PIL.Image.fromarray(result).save(path)
     done = len(names) - refused
-    print("%d of %d images in %s, %.0f ms each (%s)" % (done, len(names), out, 1000 * seconds / max(done, 1),
-                                                        network.device))
+    print(f"{done} of {len(names)} images in {out}, {1000 * seconds / max(done, 1):.0f} ms each ({network.device})")
     return refused
 
 
@@ -367,24 +354,18 @@ class Node:
         mapper = ros.rospy.get_param("dense_mapper", {})
         self.condition = threading.Condition()
         self.waiting = collections.deque(maxlen=None if mapper.get("overload") == "block" else 1)
-        self.counts = collections.Counter()
-        self.told = collections.Counter()  # the counts at the last diagnostics
-        self.times = collections.deque(maxlen=100)
-        self.problem = ""
+        self.counts, self.told = collections.Counter(), collections.Counter()  # the latter: at the last diagnostics
+        self.times, self.problem = collections.deque(maxlen=100), ""
+        topic, kind = "image", ros.Image
+        if mapper.get("image_transport") == "compressed":  # by its own name if that is remapped, else beside the image
+            kind, own = ros.CompressedImage, "image/compressed"
+            topic = ros.rospy.resolve_name(own)
+            if topic == ros.rospy.get_namespace() + own:
+                topic = ros.rospy.resolve_name("image") + "/compressed"
         self.publisher = ros.rospy.Publisher("prior_depth" if network.description.is_depth else "mask", ros.Image,
                                              queue_size=30)
         self.status = ros.rospy.Publisher("/diagnostics", ros.DiagnosticArray, queue_size=10)
-        topic, kind = "image", ros.Image
-        if mapper.get("image_transport") == "compressed":
-            topic, kind = self.compressed_topic(), ros.CompressedImage
         self.subscriber = ros.rospy.Subscriber(topic, kind, self.receive, queue_size=30, buff_size=2 ** 26)
-
-    def compressed_topic(self):
-        """image/compressed if that name is remapped, else beside the image, as the mapper takes it."""
-        name = "image/compressed"
-        resolved = self.ros.rospy.resolve_name(name)
-        remapped = resolved != self.ros.rospy.get_namespace() + name
-        return resolved if remapped else self.ros.rospy.resolve_name("image") + "/compressed"
 
     def receive(self, message):
         with self.condition:
@@ -406,7 +387,7 @@ class Node:
                 self.publish(message.header, self.network.run(rgb))
             except Refused as error:
                 self.counts["refused"] += 1
-                self.problem = "image %s: %s" % (message.header.stamp, error)
+                self.problem = f"image {message.header.stamp}: {error}"
                 self.ros.rospy.logwarn_throttle(10, self.problem)
                 continue
             self.counts["published"] += 1
@@ -429,39 +410,33 @@ class Node:
         counts = collections.Counter(self.counts)
         new = counts - self.told
         self.told = counts
-        levels = self.ros.DiagnosticStatus
+        kind, device = self.ros.DiagnosticStatus, self.network.device
         if new["refused"]:
-            level, text = levels.ERROR, self.problem
+            level, text = kind.ERROR, self.problem
         elif not counts["received"]:
-            level, text = levels.WARN, "no image yet on %s" % self.subscriber.resolved_name
+            level, text = kind.WARN, f"no image yet on {self.subscriber.resolved_name}"
         elif new["skipped"]:
-            level, text = levels.WARN, "the network is too slow: skipped %d of the last %d images" % (
-                new["skipped"], new["received"])
+            level = kind.WARN
+            text = f"the network is too slow: skipped {new['skipped']} of the last {new['received']} images"
         else:
-            level, text = levels.OK, "keeps up" if new["received"] else "waits for images"
-        values = {"network": self.network.description.path, "device": self.network.device,
-                  "topic": self.publisher.resolved_name, "images": counts["received"],
-                  "published": counts["published"], "skipped, too slow": counts["skipped"],
+            level, text = kind.OK, "keeps up" if new["received"] else "waits for images"
+        values = {"network": self.network.description.path, "device": device, "topic": self.publisher.resolved_name,
+                  "images": counts["received"], "published": counts["published"], "skipped, too slow": counts["skipped"],
                   "refused": counts["refused"], "waiting": len(self.waiting)}
         if self.times:
-            values["time per image [ms]"] = "median %.0f, most %.0f" % (np.median(self.times), max(self.times))
-        return self.ros.DiagnosticStatus(
-            level=level, name=self.ros.rospy.get_name().lstrip("/") + ": network", message=text,
-            hardware_id=self.network.device,
-            values=[self.ros.KeyValue(key, str(value)) for key, value in values.items()])
+            values["time per image [ms]"] = f"median {np.median(self.times):.0f}, most {max(self.times):.0f}"
+        return kind(level=level, name=self.ros.rospy.get_name().lstrip("/") + ": network", message=text, hardware_id=device,
+                    values=[self.ros.KeyValue(key, str(value)) for key, value in values.items()])
 
 
-class Ros:
+def import_ros():
     """What the node uses of ROS, which the rest of this file does without."""
-
-    def __init__(self):
-        # pylint: disable=import-outside-toplevel
-        import rospy
-        from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-        from sensor_msgs.msg import CompressedImage, Image
-        from std_msgs.msg import Header
-        self.rospy, self.Header, self.Image, self.CompressedImage = rospy, Header, Image, CompressedImage
-        self.DiagnosticArray, self.DiagnosticStatus, self.KeyValue = DiagnosticArray, DiagnosticStatus, KeyValue
+    # pylint: disable=import-outside-toplevel, unused-import
+    import rospy
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+    from sensor_msgs.msg import CompressedImage, Image
+    from std_msgs.msg import Header
+    return types.SimpleNamespace(**locals())
 
 
 def main():
@@ -469,13 +444,12 @@ def main():
     parser.add_argument("network", help="YAML file")
     parser.add_argument("--images", nargs=2, metavar=("IMAGES", "OUT"), help="of a folder, without ROS")
     parser.add_argument("--threads", type=int, default=0, help="with --images: of a CPU; 0: all")
-    arguments, ros = [a for a in sys.argv[1:] if ":=" not in a], None
-    arguments = parser.parse_args(arguments)
+    arguments, ros = parser.parse_args([word for word in sys.argv[1:] if ":=" not in word]), None
     try:
         if arguments.images:
             network = Network(Description(arguments.network), arguments.threads)
             return 1 if run_on_folder(network, *arguments.images) else 0
-        ros = Ros()
+        ros = import_ros()
         ros.rospy.init_node("network")
         network = Network(Description(arguments.network), ros.rospy.get_param("~threads", 0))
         ros.rospy.loginfo("%s on %s, to %s", arguments.network, network.device,
@@ -486,7 +460,7 @@ def main():
             ros.rospy.logerr("%s. The mapper goes on without this network", error)
             ros.rospy.signal_shutdown("refused")  # unregisters the node
         else:
-            print("network_node: %s" % error, file=sys.stderr)
+            print(f"network_node: {error}", file=sys.stderr)
         return 2
     return 0
 

@@ -74,30 +74,25 @@ class Session:
     """master, manager and both nodelets; the manager's output is folder/log, maps are saved below the folder."""
 
     def __init__(self, folder, map_parameters=(), mapper_parameters=(), global_parameters=()):
-        self.folder = Path(folder)
-        self.master = start_master()
-        self.manager = None
+        self.folder, self.manager, self.master = Path(folder), None, start_master()
         try:
-            mapper = {"device": "cpu", "overload": "block", "preset": "online", **dict(mapper_parameters)}
-            for node, parameters in (("/dense_mapper", mapper), ("", dict(global_parameters)),
-                                     ("/map_server", {"save_folder": str(folder), **dict(map_parameters)})):
-                for name, value in parameters.items():
+            parameters = {"/dense_mapper": {"device": "cpu", "overload": "block", "preset": "online", **dict(mapper_parameters)},
+                          "/map_server": {"save_folder": str(folder), **dict(map_parameters)}, "": dict(global_parameters)}
+            for node, values in parameters.items():
+                for name, value in values.items():
                     rosgraph.Master("/nodelet_session").setParam(f"{node}/{name}", value)
             with open(self.folder / "log", "w") as log:
                 program = roslib.packages.find_node("nodelet", "nodelet")[0]  # under rosrun it would have another id
                 self.manager = subprocess.Popen([program, "manager", "__name:=manager"], stdout=log,
                                                 stderr=subprocess.STDOUT)
-            self.load("/map_server", "MapServerNodelet")
-            self.load("/dense_mapper", "DenseMapperNodelet")
+            for name, nodelet in (("/map_server", "MapServerNodelet"), ("/dense_mapper", "DenseMapperNodelet")):
+                request = json.dumps({"name": name, "type": f"acmp_mapping/{nodelet}", "remap_target_args": list(TOPICS.values()),
+                                      "remap_source_args": [f"/{topic}" for topic in TOPICS]})
+                wait_for(lambda request=request: "success: True" in call("/manager/load_nodelet", request), name)
             wait_for(lambda: call("/dense_mapper/flush"), "the mapper")
         except BaseException:
-            self.stop()
+            self.__exit__()
             raise
-
-    def load(self, name, nodelet):
-        request = {"name": name, "type": f"acmp_mapping/{nodelet}", "remap_source_args": [f"/{n}" for n in TOPICS],
-                   "remap_target_args": list(TOPICS.values())}
-        wait_for(lambda: "success: True" in call("/manager/load_nodelet", json.dumps(request)), name)
 
     def log(self):
         return (self.folder / "log").read_text()
@@ -112,15 +107,10 @@ class Session:
     def alive(self):
         return self.manager.poll() is None
 
-    def stop(self):
-        if self.manager:
-            self.manager.terminate()
-            self.manager.wait(60)
-        self.master.terminate()
-        self.master.wait()
-
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
-        self.stop()
+        for process in filter(None, (self.manager, self.master)):
+            process.terminate()
+            process.wait(60)

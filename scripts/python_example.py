@@ -10,18 +10,8 @@ Example, after source scripts/ros_environment.sh $PWD/build:
   scripts/python_example.py room --output room.npz"""
 
 import argparse
-import os
 import sys
-
-
-def true_depth(folder, index):
-    """Metres, or None."""
-    path = os.path.join(folder, "depth", f"{index:06d}.png")
-    if not os.path.exists(path):
-        return None
-    import numpy as np
-    from PIL import Image  # Debian: python3-pil
-    return np.asarray(Image.open(path)).astype(np.float32) / 1000
+from pathlib import Path
 
 
 def main():
@@ -48,9 +38,10 @@ def main():
             continue
         sure = image.confidence > 0.5
         line = f"{image.name}: {100 * sure.mean():.1f} % of pixels with confidence above 0.5"
-        truth = true_depth(arguments.folder, index)
-        if truth is not None:
-            found = offline.evaluate_depth(image.depth, truth)
+        truth = Path(arguments.folder, "depth", f"{index:06d}.png")
+        if truth.exists():
+            from PIL import Image  # Debian: python3-pil
+            found = offline.evaluate_depth(image.depth, np.asarray(Image.open(truth)).astype(np.float32) / 1000)
             line += f"; median error {found['median_error']:.4f}, {found['below_relative'][0.02]:.1f} % within 2 %"
         print(line)
         arrays.update({f"depth_{index}": image.depth, f"normal_{index}": image.normal, f"K_{index}": image.K})

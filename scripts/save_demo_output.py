@@ -1,12 +1,16 @@
 #!/usr/bin/python3
-"""Saves what the mapper of demo.launch publishes while a bag is played to it: depth maps (PFM), pictures (PNG), the map and
-its mesh (PLY). Files are numbered by the position of their image in the bag. Exits with 1 when the mapper gave no map."""
+"""Plays a bag through demo.launch, under a ROS master of its own, and saves what the mapper publishes: depth maps (PFM),
+pictures (PNG), the map and its mesh (PLY). Files are numbered by the position of their image in the bag. Exits with 1 when the
+mapper gave no map."""
 import argparse
 import collections
-import os
+import signal
+import subprocess
 import sys
 import time
+from pathlib import Path
 
+import numpy as np
 import PIL.Image
 import rosbag
 import rosgraph
@@ -16,130 +20,119 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
-NAMESPACE = "/acmp"
-PICTURES = {"image": "rgb/image_rect_color", "depth": "depth/image_vis", "normals": "normal/image_vis",
-            "confidence": "confidence/image_vis"}
-DEPTHS = {"depth": "depth/image_rect", "depth_fast": "depth_fast/image_rect"}
+from nodelet_session import TOPICS, start_master
 
-
-def write_pfm(path, image):
-    """32FC1, little endian, to PFM: bottom row first."""
-    rows = [image.data[row * image.step:row * image.step + 4 * image.width] for row in range(image.height)]
-    with open(path, "wb") as file:
-        file.write(b"Pf\n%d %d\n-1.0\n" % (image.width, image.height))
-        file.writelines(reversed(rows))
-
-
-def write_png(path, image):
-    PIL.Image.frombuffer("RGB", (image.width, image.height), image.data, "raw", "RGB", image.step, 1).save(path)
+OUTPUTS = {"depth/image_rect": ("depth", "depth/%06d.pfm"), "depth_fast/image_rect": ("depth_fast", "depth_fast/%06d.pfm"),
+           "rgb/image_rect_color": ("image pictures", "pictures/%06d_image.png"),
+           "depth/image_vis": ("depth pictures", "pictures/%06d_depth.png"),
+           "normal/image_vis": ("normals pictures", "pictures/%06d_normals.png"),
+           "confidence/image_vis": ("confidence pictures", "pictures/%06d_confidence.png")}
 
 
 class Saver:
-    """Writes each message as it comes; knows the number of every stamp."""
+    """Writes each message as it comes."""
 
-    def __init__(self, stamps, folder):
-        self.numbers = {stamp.to_nsec(): number for number, stamp in enumerate(stamps)}
-        self.counts = collections.Counter()
-        self.last_progress = time.monotonic()
-        self.status = {}  # the mapper's last diagnostics by key
-        rospy.Subscriber("/diagnostics", DiagnosticArray, self.note_status)
-        for kind, topic in DEPTHS.items():
-            self.subscribe(topic, os.path.join(folder, kind), "%06d.pfm", write_pfm, kind)
-        for kind, topic in PICTURES.items():
-            self.subscribe(topic, os.path.join(folder, "pictures"), "%06d_" + kind + ".png", write_png, kind + " pictures")
+    def __init__(self, bag, folder):
+        with rosbag.Bag(bag) as recorded:
+            stamps = [message.header.stamp for _, message, _ in recorded.read_messages(["/camera/image_raw"])]
+        self.numbers = {stamp: number for number, stamp in enumerate(stamps)}
+        self.counts, self.last, self.status = collections.Counter(), time.monotonic(), {}
+        rospy.Subscriber("/diagnostics", DiagnosticArray, self.note)
+        for topic, (kind, name) in OUTPUTS.items():
+            path = Path(folder, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            rospy.Subscriber(f"/acmp/{topic}", Image, self.save, (kind, str(path)))
 
-    def subscribe(self, topic, folder, name, write, kind):
-        os.makedirs(folder, exist_ok=True)
+    def save(self, image, where):
+        kind, path = where
+        path %= self.numbers[image.header.stamp]
+        if path.endswith(".pfm"):  # little endian, bottom row first
+            rows = np.frombuffer(image.data, "<f4").reshape(image.height, image.width)[::-1]
+            Path(path).write_bytes(b"Pf\n%d %d\n-1.0\n" % (image.width, image.height) + rows.tobytes())
+        else:
+            PIL.Image.frombytes("RGB", (image.width, image.height), image.data).save(path)
+        self.counts[kind] += 1
+        self.last = time.monotonic()
 
-        def save(image):
-            write(os.path.join(folder, name % self.numbers[image.header.stamp.to_nsec()]), image)
-            self.counts[kind] += 1
-            self.last_progress = time.monotonic()
-
-        rospy.Subscriber(NAMESPACE + "/" + topic, Image, save)
-
-    def note_status(self, message):
-        status = {value.key: value.value for part in message.status if part.name.endswith("mapping")
-                  for value in part.values}
-        if not status:  # the map server's
-            return
-        if status.get("keyframes") != self.status.get("keyframes"):
-            self.last_progress = time.monotonic()
-        self.status = status
-
-    def keyframes(self):
-        return int(self.status.get("keyframes", 0))
-
-    def idle(self, seconds):
-        return time.monotonic() - self.last_progress > seconds
+    def note(self, message):
+        self.status.update({value.key: value.value for part in message.status if part.name.endswith("mapping")
+                            for value in part.values})
 
 
-def wait_for(what, condition, deadline):
-    while not condition():
-        if time.monotonic() > deadline:
-            raise TimeoutError("no %s in time" % what)
-        time.sleep(0.1)
-
-
-def is_played():
+def is_playing():
     try:
-        rosgraph.Master("/save_demo_output").lookupNode("/player")
-        return True
+        return bool(rosgraph.Master("/save_demo_output").lookupNode("/player"))
     except rosgraph.MasterException:
         return False
 
 
-def call(name, kind, deadline, *arguments):
-    name = NAMESPACE + "/" + name
-    rospy.wait_for_service(name, max(0.1, deadline - time.monotonic()))
-    answer = rospy.ServiceProxy(name, kind)(*arguments)
+def call(name, kind, *arguments):
+    rospy.wait_for_service(f"/acmp/{name}")
+    answer = rospy.ServiceProxy(f"/acmp/{name}", kind)(*arguments)
     if not answer.success:
-        raise RuntimeError("%s: %s" % (name, answer.message))
+        raise RuntimeError(f"/acmp/{name}: {answer.message}")
     return answer
 
 
-def run(arguments):
-    deadline = time.monotonic() + arguments.timeout
-    with rosbag.Bag(arguments.bag) as bag:
-        stamps = [message.header.stamp for _, message, _ in bag.read_messages(topics=["/camera/image_raw"])]
-    wait_for("ROS master", rosgraph.is_master_online, deadline)
-    rospy.init_node("save_demo_output", disable_rostime=True)  # the player's clock stops at the end of the bag
-    saver = Saver(stamps, arguments.folder)
-    wait_for("player of the bag", is_played, deadline)
-    wait_for("end of the bag", lambda: not is_played(), deadline)
-    # Most of the bag now waits in the mapper's queues, which ~flush does not know. Images that never become keyframes
-    # (no pose, passed over by the gate) are given up after a while without progress.
-    wait_for("end of the keyframes", lambda: saver.keyframes() >= len(stamps) or saver.idle(arguments.patience), deadline)
-    call("dense_mapper/flush", Trigger, deadline)
-    wait_for("last messages", lambda: saver.idle(1.5), deadline)  # and diagnostics come at 1 Hz
-    map_path, mesh_path = (os.path.join(os.path.abspath(arguments.folder), name) for name in ("map.ply", "mesh.ply"))
-    saved = call("map_server/save_map", SaveMap, deadline, map_path, SaveMapRequest.PLY, True)
-    print("matched on %s at %s px; the last keyframe:" % (saver.status.get("device"), saver.status.get("matched size [px]")))
-    for key, value in sorted(saver.status.items()):
-        if key.endswith("[ms]"):
-            print("  %s %s" % (key, value))
-    print("%d images played; received: %s" % (len(stamps), ", ".join(
-        "%d %s" % (count, kind) for kind, count in sorted(saver.counts.items()))))
-    print("map: %d points of %d keyframes in %s" % (saved.points, saved.keyframes, map_path))
+def wait_for(condition):
+    while not condition():
+        time.sleep(0.1)
+
+
+def save_all(bag, folder):
+    rospy.init_node("save_demo_output", argv=[], disable_rostime=True)  # the player's clock stops at the end of the bag
+    saver = Saver(bag, folder)
+    wait_for(is_playing)
+    wait_for(lambda: not is_playing())
+    call("dense_mapper/flush", Trigger)
+    wait_for(lambda: time.monotonic() > saver.last + 1.5)  # the last messages; diagnostics come once a second
+    saved = call("map_server/save_map", SaveMap, f"{folder}/map.ply", SaveMapRequest.PLY, True)
+    print(f"matched on {saver.status.get('device')} at {saver.status.get('matched size [px]')} px; the last keyframe:")
+    print(*(f"  {key} {value}" for key, value in sorted(saver.status.items()) if key.endswith("[ms]")), sep="\n")
+    received = ", ".join(f"{count} {kind}" for kind, count in sorted(saver.counts.items()))
+    print(f"{len(saver.numbers)} images played; received: {received}")
+    print(f"map: {saved.points} points of {saved.keyframes} keyframes in {folder}/map.ply")
     try:
-        call("map_server/save_map", SaveMap, deadline, mesh_path, SaveMapRequest.MESH_PLY, True)
+        call("map_server/save_map", SaveMap, f"{folder}/mesh.ply", SaveMapRequest.MESH_PLY, True)
     except RuntimeError as error:
-        print("no mesh: %s" % error)
+        print(f"no mesh: {error}")
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("bag")
-    parser.add_argument("folder")
-    parser.add_argument("--patience", type=float, default=60, help="seconds without a new keyframe that mean the end")
-    parser.add_argument("--timeout", type=float, default=1800, help="seconds for everything")
+    parser.add_argument("bag", type=Path)
+    parser.add_argument("folder", type=Path, help="also of roslaunch.log")
+    parser.add_argument("arguments", nargs="*", metavar="ARGUMENT:=VALUE", help="of demo.launch")
+    parser.add_argument("--timeout", type=int, default=1800, help="seconds for everything")
+    options = parser.parse_intermixed_args()
+    bag, folder, shows = options.bag.absolute(), options.folder.absolute(), "rviz:=true" in options.arguments
+
+    def give_up(number, _):
+        raise RuntimeError("roslaunch has ended" if number == signal.SIGCHLD else f"not done after {options.timeout} s")
+    topics = " ".join([*TOPICS.values(), *["/tf"] * shows])  # only rviz listens to the last
+    processes = [start_master()]
+    for number in (signal.SIGALRM, signal.SIGCHLD):
+        signal.signal(number, give_up)
+    signal.alarm(options.timeout)
     try:
-        run(parser.parse_args(rospy.myargv()[1:]))
+        with open(folder / "roslaunch.log", "w") as log:
+            processes.append(subprocess.Popen(
+                ["roslaunch", "acmp_mapping", "demo.launch", f"bag:={bag}", f"save_folder:={folder}", *options.arguments,
+                 f"play_args:=--wait-for-subscribers --quiet --topics {topics}"], stdin=subprocess.DEVNULL, stdout=log,
+                stderr=subprocess.STDOUT))
+        save_all(bag, folder)
+        signal.alarm(0)
+        if shows and sys.stdin.isatty():
+            input("rviz shows the map; press Enter to go on ")
     except (OSError, RuntimeError, rosbag.ROSBagException, rospy.ROSException, rospy.ServiceException) as error:
-        print("save_demo_output: %s" % error, file=sys.stderr)
-        return 1
-    return 0
+        print(*(folder / "roslaunch.log").read_text().splitlines()[-30:], sep="\n", file=sys.stderr)
+        sys.exit(f"save_demo_output: {error}")
+    finally:
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        for process in reversed(processes):
+            process.terminate()
+            process.wait()
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

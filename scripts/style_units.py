@@ -2,57 +2,49 @@
 """Makes what clang-tidy reads in check_style.sh: FOLDER/compile_commands.json and the units that it names, whose paths are
 printed, the largest first. Usage: style_units.py COMPILE_COMMANDS FOLDER"""
 import json
-import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 UNITS = 2  # and one of the programs; the same on every machine: what is in a unit decides whether names meet
 
 
 def files_of(entry):
     """Of a compile command; of a unit of a unity build the files in it."""
-    path = os.path.realpath(os.path.join(entry["directory"], entry["file"]))
-    if not re.search(r"/Unity/unity_\d+(_cxx)?\.cxx$", path):
+    path = Path(entry["directory"], entry["file"]).resolve()
+    if not re.search(r"/Unity/unity_\d+(_cxx)?\.cxx$", str(path)):
         return [path]
-    with open(path) as file:
-        return [os.path.realpath(name) for name in re.findall(r'#include "(.*)"', file.read())]
-
-
-def is_main(path):
-    with open(path) as file:
-        return re.search(r"^int main\(", file.read(), re.MULTILINE)
+    return [Path(name).resolve() for name in re.findall(r'#include "(.*)"', path.read_text())]
 
 
 def main():
-    tracked = {os.path.realpath(path) for path in subprocess.check_output(["git", "ls-files", "src"], text=True).split()}
+    commands, folder = Path(sys.argv[1]), Path(sys.argv[2])
+    tracked = {Path(path).resolve() for path in subprocess.check_output(["git", "ls-files", "src"], text=True).split()}
     sources, flags = set(), {}
-    with open(sys.argv[1]) as file:
-        compiled = json.load(file)
-    for entry in compiled:
+    for entry in json.loads(commands.read_text()):
         chosen = tracked.intersection(files_of(entry))
         sources |= chosen
         for flag in re.findall(r"(?:-I|-isystem|-D) ?\S+", entry["command"]) if chosen else []:
             flags.setdefault(flag.split("=")[0], flag)  # a macro has the first value that a target gives it
-    mains = sorted(filter(is_main, sources))
-    rest = sorted(sources.difference(mains))
-    units, total, done = [[] for _ in range(UNITS)] + [mains], sum(map(os.path.getsize, rest)), 0
-    for source in rest:  # equal parts by bytes
-        units[done * UNITS // total].append(source)
-        done += os.path.getsize(source)
+    texts = {source: source.read_text() for source in sorted(sources)}
+    mains = [source for source, text in texts.items() if re.search(r"^int main\(", text, re.MULTILINE)]
+    rest = [source for source in texts if source not in mains]
+    units, total, done = [[] for _ in range(UNITS)], sum(len(texts[source]) for source in rest), 0
+    for source in rest:  # equal parts by length
+        units[done * UNITS // total].append(f'#include "{source}"\n')
+        done += len(texts[source])
+    # Each main has a name of its own.
+    units.append([f'#define main main{at}\n#include "{source}"\n#undef main\n' for at, source in enumerate(mains)])
     entries = []
-    for number, files in enumerate(units):
-        path = os.path.join(sys.argv[2], "unit_%d.cpp" % number)
-        with open(path, "w") as unit:
-            for at, source in enumerate(files):  # each main has a name of its own
-                line = '#include "%s"\n' % source
-                unit.write("#define main main%d\n%s#undef main\n" % (at, line) if files is mains else line)
-        command = "c++ -std=c++17 -fPIC -Wall -Wextra %s -c %s" % (" ".join(flags.values()), path)
-        entries.append({"directory": sys.argv[2], "file": path, "command": command})
-    with open(os.path.join(sys.argv[2], "compile_commands.json"), "w") as file:
-        json.dump(entries, file)
-    print("clang-tidy: %d files in %d units" % (len(sources), len(units)), file=sys.stderr)
-    print("\n".join(entry["file"] for entry in entries))
+    for number, lines in enumerate(units):
+        unit = folder / f"unit_{number}.cpp"
+        unit.write_text("".join(lines))
+        entries.append({"directory": str(folder), "file": str(unit),
+                        "command": f"c++ -std=c++17 -fPIC -Wall -Wextra {' '.join(flags.values())} -c {unit}"})
+    (folder / "compile_commands.json").write_text(json.dumps(entries))
+    print(f"clang-tidy: {len(sources)} files in {len(units)} units", file=sys.stderr)
+    print(*(entry["file"] for entry in entries), sep="\n")
 
 
 if __name__ == "__main__":

@@ -20,19 +20,19 @@ def main():
         if test.get("Status") == "passed":
             passed += 1
             for reason, count in reasons.items():
-                print("%d cases left out of %s: %s" % (count, name, reason))
+                print(f"{count} cases left out of {name}: {reason}")
         elif test.get("Status") == "notrun" and ended.startswith(("SKIP", "Disabled")):
             skipped += 1
-            print("skipped: %s: %s" % (name, next(iter(reasons), (output.strip().splitlines() or [ended])[-1])))
+            print(f"skipped: {name}: {next(iter(reasons), (output.strip().splitlines() or [ended])[-1])}")
         else:
             failed += 1
-            print("failed: %s" % name)
+            print(f"failed: {name}")
     if ctest_code != 0 and failed == 0:
         failed += 1
-        print("failed: ctest ended with %d" % ctest_code)
-    print("%d passed, %d failed, %d skipped" % (passed, failed, skipped))
-    return 1 if failed > 0 or passed == 0 else 0
+        print(f"failed: ctest ended with {ctest_code}")
+    print(f"{passed} passed, {failed} failed, {skipped} skipped")
+    sys.exit(failed > 0 or passed == 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -5,6 +5,7 @@ Usage: cluster_test.py ACMP_RECONSTRUCT ACMP_MAKE_SCENE ACMP_CLUSTER. Exit code 
 there is no Dask distributed. Environment: ACMP_ALL_STAGES=1 to kill in every stage, which takes minutes; else in some.
 """
 
+import contextlib
 import importlib.util
 import os
 import signal
@@ -41,17 +42,14 @@ def contents(folder):
 class ClusterTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.temporary = tempfile.TemporaryDirectory()
-        cls.folder = Path(cls.temporary.name)
+        temporary = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(temporary.cleanup)
+        cls.folder = Path(temporary.name)
         cls.scene = str(cls.folder / "scene")
         subprocess.run([MAKE_SCENE, cls.scene, "--width", "96", "--height", "72", "--keyframes", str(IMAGES),
                         "--spacing", "0.5"], check=True, stdout=subprocess.DEVNULL)
         subprocess.run([PROGRAM, cls.scene, str(cls.folder / "alone"), *OPTIONS, "--quiet"], check=True)
         cls.alone = contents(cls.folder / "alone")
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.temporary.cleanup()
 
     def command(self, output, *arguments):
         return [sys.executable, CLUSTER, "--program", PROGRAM, "--workers", "2", self.scene, str(output), *arguments,
@@ -71,28 +69,23 @@ class ClusterTest(unittest.TestCase):
     def programs(root):
         """Each acmp_reconstruct that does stages below a process."""
         found = []
-        try:
+        with contextlib.suppress(psutil.NoSuchProcess):
             for process in psutil.Process(root.pid).children(recursive=True):
-                try:
+                with contextlib.suppress(psutil.Error):
                     if "--stages" in process.cmdline():
                         found.append(process)
-                except (psutil.NoSuchProcess, psutil.AccessDenied, psutil.ZombieProcess):
-                    continue
-        except psutil.NoSuchProcess:
-            pass
         return found
 
     @staticmethod
     def is_gone(process):
         """Within ten seconds."""
-        for _ in range(1000):
-            try:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            for _ in range(1000):
                 if process.status() == psutil.STATUS_ZOMBIE:
                     return True
-            except psutil.NoSuchProcess:
-                return True
-            time.sleep(0.01)
-        return False
+                time.sleep(0.01)
+            return False
+        return True
 
     @staticmethod
     def files_of(output, stage):
@@ -122,32 +115,26 @@ class ClusterTest(unittest.TestCase):
     def test_workers_of_a_scheduler_killed(self):
         output = self.folder / "killed"
         address = self.folder / "scheduler.json"
-        start = [sys.executable, "-m"]
-        scheduler = subprocess.Popen([*start, "distributed.cli.dask_scheduler", "--scheduler-file", str(address),
-                                      "--host", "127.0.0.1", "--port", "0", "--no-dashboard"],
-                                     stderr=subprocess.DEVNULL)
-        workers = [subprocess.Popen([*start, "distributed.cli.dask_worker", "--scheduler-file", str(address),
-                                     "--nthreads", "1", "--no-dashboard", "--local-directory", str(self.folder)],
-                                    stderr=subprocess.DEVNULL) for _ in range(2)]
-        try:
-            with open(self.folder / "killed.log", "w+", encoding="utf-8") as log:
-                client = subprocess.Popen(self.command(output, "--scheduler-file", str(address)), stdout=log,
-                                          stderr=log)
-                killed = []
-                for stage in WORKER_STAGES:
-                    victim = len(killed) % 2
-                    programs = self.wait_for_stage(client, workers[victim], output, stage)
-                    for program in programs:
-                        # A worker, or only its acmp_reconstruct: the task is tried again.
-                        (program.parent() if victim == 0 else program).send_signal(signal.SIGKILL)
-                        killed.append(stage)
-                        self.assertTrue(self.is_gone(program), "goes with its worker")
-                self.assertEqual(client.wait(timeout=300), 0, (self.folder / "killed.log").read_text()[-3000:])
-        finally:
-            for process in [*workers, scheduler]:
-                process.terminate()
-            for process in [*workers, scheduler]:
-                process.wait(timeout=60)
+
+        def start(module, *arguments):
+            process = subprocess.Popen([sys.executable, "-m", f"distributed.cli.{module}", "--scheduler-file", str(address),
+                                        "--no-dashboard", *arguments], stderr=subprocess.DEVNULL)
+            self.addCleanup(process.wait, 60)
+            self.addCleanup(process.terminate)
+            return process
+        start("dask_scheduler", "--host", "127.0.0.1", "--port", "0")
+        workers = [start("dask_worker", "--nthreads", "1", "--local-directory", str(self.folder)) for _ in range(2)]
+        with open(self.folder / "killed.log", "w+", encoding="utf-8") as log:
+            client = subprocess.Popen(self.command(output, "--scheduler-file", str(address)), stdout=log, stderr=log)
+            killed = []
+            for stage in WORKER_STAGES:
+                victim = len(killed) % 2
+                for program in self.wait_for_stage(client, workers[victim], output, stage):
+                    # A worker, or only its acmp_reconstruct: the task is tried again.
+                    (program.parent() if victim == 0 else program).send_signal(signal.SIGKILL)
+                    killed.append(stage)
+                    self.assertTrue(self.is_gone(program), "goes with its worker")
+            self.assertEqual(client.wait(timeout=300), 0, (self.folder / "killed.log").read_text()[-3000:])
         self.assertGreaterEqual(len(killed), 5 if ALL_STAGES else 1, killed)  # the shortest may not be seen
         print("killed in", killed)
         self.expect_same(output)

@@ -4,23 +4,22 @@ network and ROS that are played. With --onnx networks that ONNX Runtime runs; ex
 
 usage: network_node_test.py SOURCE_FOLDER [--onnx]"""
 import contextlib
-import glob
 import io
-import os
 import sys
 import tempfile
 import threading
 import types
 import unittest
+from pathlib import Path
 from unittest import mock
 
 import numpy as np
 import PIL.Image
 import yaml
 
-SOURCE = os.path.abspath(sys.argv.pop(1))
+SOURCE = Path(sys.argv.pop(1)).absolute()
 WITH_ONNX = "--onnx" in sys.argv
-sys.path.insert(0, os.path.join(SOURCE, "scripts"))
+sys.path.insert(0, str(SOURCE / "scripts"))
 import network_node as node  # noqa: E402
 import tiny_onnx  # noqa: E402
 
@@ -37,30 +36,29 @@ class TestCase(unittest.TestCase):
     def setUp(self):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
-        self.folder = folder.name
+        self.folder = Path(folder.name)
 
     def describe(self, **changes):
         """A description with these values; None: without the key."""
         content = {"file": "tiny.onnx", "kind": "inverse_depth", "size": [WIDTH, HEIGHT], **changes}
-        path = os.path.join(self.folder, "tiny.yaml")
-        with open(path, "w") as file:
-            yaml.safe_dump({key: value for key, value in content.items() if value is not None}, file)
-        return node.Description(path)
+        path = self.folder / "tiny.yaml"
+        path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
+        return node.Description(str(path))
 
 
 class Descriptions(TestCase):
     def test_shipped_ones_can_be_read_and_say_where_the_network_is_and_its_licence(self):
-        paths = glob.glob(os.path.join(SOURCE, "config/networks/*.yaml"))
+        paths = list((SOURCE / "config/networks").glob("*.yaml"))
         self.assertGreaterEqual(len(paths), 8)
         for path in paths:
             with self.subTest(path):
                 description = node.Description(path)
                 self.assertTrue(description.source and description.licence)
-                self.assertEqual(os.path.dirname(description.file).split("/.ros/")[0], os.path.expanduser("~"))
+                self.assertIn(Path.home() / ".ros/acmp_mapping/networks", description.file.parents)
 
     def test_the_file_is_beside_the_description(self):
-        self.assertEqual(self.describe().file, os.path.join(self.folder, "tiny.onnx"))
-        self.assertEqual(self.describe(file="/other/tiny.onnx").file, "/other/tiny.onnx")
+        self.assertEqual(self.describe().file, self.folder / "tiny.onnx")
+        self.assertEqual(self.describe(file="/other/tiny.onnx").file, Path("/other/tiny.onnx"))
 
     def test_bad_values_are_named(self):
         bad = [(dict(file=None), "file: missing"), (dict(kind=None), "kind: missing"),
@@ -83,14 +81,13 @@ class Descriptions(TestCase):
         for changes, words in bad:
             with self.subTest(changes), self.assertRaisesRegex(node.Refused, "tiny.yaml: .*" + words):
                 self.describe(**changes)
-        for text in ("- 1", "", "a: [", "\xe9".encode("latin-1")):
-            path = os.path.join(self.folder, "bad.yaml")
-            with open(path, "wb") as file:
-                file.write(text if isinstance(text, bytes) else text.encode())
+        for text in (b"- 1", b"", b"a: [", b"\xe9"):
+            path = self.folder / "bad.yaml"
+            path.write_bytes(text)
             with self.subTest(text), self.assertRaisesRegex(node.Refused, "bad.yaml: "):
-                node.Description(path)
+                node.Description(str(path))
         with self.assertRaisesRegex(node.Refused, "No such file"):
-            node.Description(os.path.join(self.folder, "none.yaml"))
+            node.Description(str(self.folder / "none.yaml"))
 
     def test_the_input_keeps_the_images_shape_where_its_size_is_free(self):
         self.assertEqual(self.describe(size=[320, 192]).input_size(640, 480), (320, 192))
@@ -144,16 +141,22 @@ class Arrays(TestCase):
             with self.subTest(kind=kind, words=words), self.assertRaisesRegex(node.Refused, words):
                 node.to_depth(self.describe(kind=kind), output)
 
+    def probability_mask(self, output, size, **changes):
+        return node.to_mask(self.describe(kind="probability", threshold=0.5, **changes), output, size)
+
     def test_probability_becomes_a_mask_of_the_images_size(self):
         probability = np.zeros((4, 6))
+        self.assertTrue((self.probability_mask(probability, (12, 8)) == 255).all())
         probability[:, 4:] = 0.8
-        mask = node.to_mask(self.describe(kind="probability", threshold=0.5), probability, (60, 40))
+        mask = self.probability_mask(probability, (60, 40))
         self.assertEqual((mask.shape, mask.dtype), ((40, 60), np.uint8))
         self.assertEqual(set(np.unique(mask)), {0, 255})
         # Between the centres of columns 3 and 4, px 35 and 45, it grows from 0 to 0.8: 0.5 is 6.25 px on.
         np.testing.assert_array_equal((mask == 0).sum(1), 60 - 41)
-        grown = node.to_mask(self.describe(kind="probability", threshold=0.5, grow=3), probability, (60, 40))
+        grown = self.probability_mask(probability, (60, 40), grow=3)
         np.testing.assert_array_equal((grown == 0).sum(1), 60 - 41 + 3)
+        with self.assertRaisesRegex(node.Refused, "1 of the network's 4 values are not finite"):
+            self.probability_mask(np.array([[0, 1], [np.nan, 0]]), (12, 8))
 
     def test_what_is_ignored_grows_on_all_sides(self):
         ignored = np.zeros((9, 12), bool)
@@ -171,14 +174,6 @@ class Arrays(TestCase):
         np.testing.assert_array_equal(node.to_mask(description, numbers, (10, 6)), expected)
         scores = (np.arange(8)[:, None, None] == numbers) * 1.0
         np.testing.assert_array_equal(node.to_mask(description, scores, (10, 6)), expected)
-
-    def test_a_mask_without_anything_is_one(self):
-        mask = node.to_mask(self.describe(kind="probability", threshold=0.5), np.zeros((4, 6)), (12, 8))
-        self.assertTrue((mask == 255).all())
-
-    def test_a_mask_of_nan_is_refused(self):
-        with self.assertRaisesRegex(node.Refused, "1 of the network's 4 values are not finite"):
-            node.to_mask(self.describe(kind="probability", threshold=0.5), np.array([[0, 1], [np.nan, 0]]), (12, 8))
 
 
 def message(encoding, array, big_endian=False, gap=0):
@@ -262,12 +257,8 @@ class FakeRos:
             resolve_name=lambda name: name if name[0] == "/" else remaps.get(name, "/acmp/" + name),
             Time=types.SimpleNamespace(now=lambda: 0))
         self.Image = self.CompressedImage = self.DiagnosticArray = self.Header = types.SimpleNamespace
+        self.DiagnosticStatus = mock.Mock(OK=0, WARN=1, ERROR=2, side_effect=lambda **values: types.SimpleNamespace(**values))
         self.KeyValue = lambda key, value: (key, value)
-
-    def DiagnosticStatus(self, **values):  # pylint: disable=invalid-name
-        return types.SimpleNamespace(**values)
-
-    DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR = 0, 1, 2
 
     def publisher(self, topic, _, **__):
         self.published[topic] = []
@@ -347,14 +338,10 @@ class Nodes(TestCase):
                                          ("compressed", {"image": "/cam0", "image/compressed": "/jpeg"}, "/jpeg")):
             ros = FakeRos({"image_transport": transport}, **remaps)
             self.assertEqual(node.Node(FakeNetwork(self.describe()), ros).subscriber.resolved_name, topic)
-        self.assertIn("mask", self.published_of(self.describe(kind="probability", threshold=0.5)))
-
-    @staticmethod
-    def published_of(description):
         ros = FakeRos({})
-        played = node.Node(FakeNetwork(description), ros)
-        assert "no image yet on /acmp/image" in played.diagnosis().message
-        return ros.published
+        played = node.Node(FakeNetwork(self.describe(kind="probability", threshold=0.5)), ros)
+        self.assertIn("mask", ros.published)
+        self.assertEqual(played.diagnosis().message, "no image yet on /acmp/image")
 
 
 def run_main(*arguments):
@@ -369,7 +356,7 @@ class WithoutOnnxRuntime(TestCase):
     def test_it_says_what_to_install(self):
         description = self.describe()
         with mock.patch.dict(sys.modules, {"onnxruntime": None}):
-            code, text = run_main(description.path, "--images", self.folder, self.folder)
+            code, text = run_main(description.path, "--images", str(self.folder), str(self.folder))
         self.assertEqual(code, 2)
         self.assertIn("ONNX Runtime is missing (pip install onnxruntime", text)
 
@@ -377,8 +364,7 @@ class WithoutOnnxRuntime(TestCase):
 class OnnxNetworks(TestCase):
     def load(self, model=None, **changes):
         if model is not None:
-            with open(os.path.join(self.folder, "tiny.onnx"), "wb") as file:
-                file.write(model)
+            (self.folder / "tiny.onnx").write_bytes(model)
         return node.Network(self.describe(**changes), 1)
 
     def test_axes_and_types_of_the_input(self):
@@ -429,35 +415,31 @@ class OnnxNetworks(TestCase):
 
     def test_useless_outputs(self):
         zero = [tiny_onnx.node("ReduceMean", ["image"], "a", axes=[1], keepdims=1), tiny_onnx.node("Sub", ["a", "a"], "zero")]
-        io_ = [tiny_onnx.tensor("image", (1, 3, "h", "w"))]
-        constant = tiny_onnx.model(zero, io_, [tiny_onnx.tensor("zero", (1, 1, "h", "w"))])
-        nan = tiny_onnx.model(zero + [tiny_onnx.node("Div", ["zero", "zero"], "nan")], io_,
-                              [tiny_onnx.tensor("nan", (1, 1, "h", "w"))])
-        with self.assertRaisesRegex(node.Refused, "the same everywhere: 0"):
-            self.load(constant).run(test_image())
-        with self.assertRaisesRegex(node.Refused, "none of the network's 1536 values is finite"):
-            self.load(nan).run(test_image())
-        with self.assertRaisesRegex(node.Refused, "1536 of the network's 1536 values are not finite"):
-            self.load(nan, kind="probability", threshold=0.5).run(test_image())
+        nan = zero + [tiny_onnx.node("Div", ["zero", "zero"], "nan")]
+        for nodes, output, changes, words in (
+                (zero, "zero", {}, "the same everywhere: 0"), (nan, "nan", {}, "none of the network's 1536 values is finite"),
+                (nan, "nan", dict(kind="probability", threshold=0.5), "1536 of the network's 1536 values are not finite")):
+            model = tiny_onnx.model(nodes, [tiny_onnx.tensor("image", (1, 3, "h", "w"))],
+                                    [tiny_onnx.tensor(output, (1, 1, "h", "w"))])
+            with self.subTest(words), self.assertRaisesRegex(node.Refused, words):
+                self.load(model, **changes).run(test_image())
 
     def test_a_folder(self):
-        images, out = os.path.join(self.folder, "images"), os.path.join(self.folder, "out")
-        os.makedirs(os.path.join(images, "left"))
-        PIL.Image.fromarray(test_image()).save(os.path.join(images, "left/a.png"))
+        images, out, path = (str(self.folder / name) for name in ("images", "out", "tiny.yaml"))
+        Path(images, "left").mkdir(parents=True)
+        PIL.Image.fromarray(test_image()).save(f"{images}/left/a.png")
         self.load(tiny_onnx.brightness(), kind="depth")
-        path = os.path.join(self.folder, "tiny.yaml")
         code, text = run_main(path, "--images", images, out)
         self.assertEqual((code, text.count("1 of 1 images")), (0, 1), text)
-        with open(os.path.join(out, "left/a.pfm"), "rb") as file:
-            self.assertEqual([file.readline() for _ in range(3)], [b"Pf\n", b"%d %d\n" % (WIDTH, HEIGHT), b"-1.0\n"])
-            depth = np.frombuffer(file.read(), "<f4").reshape(HEIGHT, WIDTH)[::-1]
+        header, _, depth = Path(out, "left/a.pfm").read_bytes().partition(b"-1.0\n")
+        self.assertEqual(header, b"Pf\n%d %d\n" % (WIDTH, HEIGHT))
+        depth = np.frombuffer(depth, "<f4").reshape(HEIGHT, WIDTH)[::-1]
         np.testing.assert_allclose(depth, test_image().mean(2) / 255, rtol=1e-5)  # rounding of float32
         self.describe(kind="probability", threshold=100 / 255)
         self.assertEqual(run_main(path, "--images", images, out)[0], 0)
-        mask = np.asarray(PIL.Image.open(os.path.join(out, "left/a.png.png")))
+        mask = np.asarray(PIL.Image.open(f"{out}/left/a.png.png"))
         np.testing.assert_array_equal(mask, np.where(test_image().mean(2) >= 100, 0, 255))
-        with open(os.path.join(images, "cut.jpg"), "wb") as file:
-            file.write(b"\xff\xd8")
+        Path(images, "cut.jpg").write_bytes(b"\xff\xd8")
         code, text = run_main(path, "--images", images, out)
         self.assertEqual(code, 1)
         self.assertRegex(text, "cut.jpg: picture of 2 bytes(.|\n)*1 of 2 images")

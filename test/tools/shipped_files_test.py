@@ -2,10 +2,8 @@
 """Loads every launch file and rviz config of the package and compares the names in them with the interface in the code.
 
 usage: shipped_files_test.py SOURCE_FOLDER"""
-import glob
 import importlib.util
 import json
-import os
 import re
 import shlex
 import subprocess
@@ -13,6 +11,7 @@ import sys
 import tempfile
 import unittest
 import xml.etree.ElementTree
+from pathlib import Path
 
 import catkin_pkg.package
 import geometry_msgs.msg
@@ -21,38 +20,45 @@ import roslaunch.config
 import roslaunch.xmlloader
 import yaml
 
-SOURCE = os.path.abspath(sys.argv.pop(1))
+SOURCE = Path(sys.argv.pop(1)).absolute()
+LAUNCH = SOURCE / "launch"
 NAMESPACE = "/acmp/"
-FRONTENDS = ["kimera_vio.launch", "okvis.launch", "openvins.launch", "orb_slam3_ros.launch",
-             "orb_slam3_ros_wrapper.launch", "orb_slam_2_ros.launch", "ov2slam.launch", "rtabmap.launch",
-             "stella_vslam_ros.launch", "vins_fusion.launch", "vins_mono.launch"]
-STEREO = ["kimera_vio.launch", "okvis.launch", "openvins.launch", "orb_slam3_ros.launch", "orb_slam3_ros_wrapper.launch",
-          "ov2slam.launch", "rtabmap.launch", "vins_fusion.launch"]
-CONSUMERS = ["costmap_2d.launch", "depth_image_proc.launch", "nvblox.launch", "rtabmap_keyframes.launch",
-             "voxblox.launch"]
+FRONTENDS = [f"frontends/{name}.launch" for name in (
+    "kimera_vio", "okvis", "openvins", "orb_slam3_ros", "orb_slam3_ros_wrapper", "orb_slam_2_ros", "ov2slam", "rtabmap",
+    "stella_vslam_ros", "vins_fusion", "vins_mono")]
+MONO = [f"frontends/{name}.launch" for name in ("orb_slam_2_ros", "stella_vslam_ros", "vins_mono")]
+CONSUMERS = [f"consumers/{name}.launch" for name in ("costmap_2d", "depth_image_proc", "nvblox", "rtabmap_keyframes", "voxblox")]
+OF_MAPPER, OF_MAP = "config/acmp_mapping.yaml", "config/map_server.yaml"
+
+
+def read(path):
+    return (SOURCE / path).read_text()
 
 
 def interface_names():
     """Topics and services of the nodelet: the strings of topic_names.h."""
-    with open(os.path.join(SOURCE, "include/acmp_mapping/ros/topic_names.h")) as file:
-        return set(re.findall(r'"([^"]+)"', file.read()))
+    return set(re.findall(r'"([^"]+)"', read("include/acmp_mapping/ros/topic_names.h")))
 
 
-def parameters(path="config/acmp_mapping.yaml"):
+def parameters(path):
     """Of a shipped file, with those that it leaves to the preset: "#name: value"."""
-    with open(os.path.join(SOURCE, path)) as file:
-        return yaml.safe_load(re.sub(r"^#(?=\w)", "", file.read(), flags=re.MULTILINE))
+    return yaml.safe_load(re.sub(r"^#(?=\w)", "", read(path), flags=re.MULTILINE))
 
 
-def parameter_names(path="config/acmp_mapping.yaml"):
-    return set(parameters(path))
-
-
-def load(launch, *arguments):
+def load(launch, *arguments, **values):
+    """With arguments "name:=value", or as keywords."""
     config = roslaunch.config.ROSLaunchConfig()
-    roslaunch.xmlloader.XmlLoader().load(os.path.join(SOURCE, "launch", launch), config, argv=list(arguments),
-                                         verbose=False)
+    arguments = [*arguments, *(f"{name}:={value}" for name, value in values.items())]
+    roslaunch.xmlloader.XmlLoader().load(str(LAUNCH / launch), config, argv=arguments, verbose=False)
     return config
+
+
+def node_of(config, name):
+    return next(node for node in config.nodes if node.name == name)
+
+
+def remaps_of(config, name="dense_mapper"):
+    return dict(node_of(config, name).remap_args)
 
 
 def node_names(config):
@@ -62,214 +68,165 @@ def node_names(config):
 def launch_arguments(launch):
     """Names and defaults of a launch file's own arguments; without a default: None."""
     return {arg.get("name"): arg.get("default")
-            for arg in xml.etree.ElementTree.parse(os.path.join(SOURCE, "launch", launch)).getroot().findall("arg")}
+            for arg in xml.etree.ElementTree.parse(LAUNCH / launch).getroot().findall("arg")}
 
 
-def mapper_parameters(config):
-    prefix = NAMESPACE + "dense_mapper/"
+def inputs():
+    """Arguments of dense_mapper.launch that are topics."""
+    return [name for name, value in launch_arguments("dense_mapper.launch").items() if value and value[0] == "/"]
+
+
+def parameters_of(config, node="dense_mapper"):
+    prefix = f"{NAMESPACE}{node}/"
     return {name[len(prefix):]: param.value for name, param in config.params.items() if name.startswith(prefix)}
-
-
-def check_arguments_set_parameters(test, launch):
-    """Of each argument of dense_mapper.launch that names a parameter, given to `launch`."""
-    arguments = set(launch_arguments("dense_mapper.launch"))
-    for node, path, least in (("dense_mapper", "config/acmp_mapping.yaml", {"preset", "max_image_size", "lookahead"}),
-                              ("map_server", "config/map_server.yaml", {"max_keyframes", "voxel_size"})):
-        defaults = parameters(path)
-        names = arguments & set(defaults)
-        test.assertGreaterEqual(names, least)
-        other = {bool: True, int: 5, float: 0.75, str: "other"}
-        wanted = {name: other[type(defaults[name])] for name in names - {"T_body_cam", "T_cam_source"}}
-        params = load(launch, *["%s:=%s" % item for item in wanted.items()]).params
-        for name, value in wanted.items():
-            with test.subTest(launch=launch, name=name):
-                test.assertNotEqual(value, defaults[name])
-                found = params[NAMESPACE + node + "/" + name].value
-                test.assertEqual((found, type(found)), (value, type(defaults[name])))
-
-
-def parameters_of_plain_launch():
-    return mapper_parameters(load("dense_mapper.launch"))
 
 
 class LaunchFiles(unittest.TestCase):
     def test_all_are_tested_here(self):
-        paths = glob.glob(os.path.join(SOURCE, "launch/**/*.launch"), recursive=True)
-        names = sorted(os.path.relpath(path, os.path.join(SOURCE, "launch")) for path in paths)
-        self.assertEqual(names, sorted(["demo.launch", "dense_mapper.launch"] +
-                                       ["frontends/" + n for n in FRONTENDS] + ["consumers/" + n for n in CONSUMERS]))
+        names = sorted(str(path.relative_to(LAUNCH)) for path in LAUNCH.rglob("*.launch"))
+        self.assertEqual(names, sorted(["demo.launch", "dense_mapper.launch", *FRONTENDS, *CONSUMERS]))
 
     def test_mapper_and_map_as_nodelets_and_alone(self):
         self.assertEqual(node_names(load("dense_mapper.launch")),
                          ["/acmp/dense_mapper", "/acmp/manager", "/acmp/map_server"])
-        alone = load("dense_mapper.launch", "standalone:=true", "namespace:=other")
+        alone = load("dense_mapper.launch", standalone="true", namespace="other")
         self.assertEqual(node_names(alone), ["/other/dense_mapper", "/other/map_server"])
 
     def test_a_second_mapper_sends_its_points_to_the_first_ones_map(self):
-        config = load("dense_mapper.launch", "namespace:=acmp/right", "map:=false",
-                      "keyframe_points:=/acmp/keyframe_points")
+        config = load("dense_mapper.launch", namespace="acmp/right", map="false", keyframe_points="/acmp/keyframe_points")
         self.assertEqual(node_names(config), ["/acmp/right/dense_mapper", "/acmp/right/manager"])
-        mapper = [node for node in config.nodes if node.name == "dense_mapper"][0]
-        self.assertEqual(dict(mapper.remap_args)["keyframe_points"], "/acmp/keyframe_points")
-        own = [node for node in load("dense_mapper.launch").nodes if node.name == "map_server"][0]
-        self.assertEqual(dict(own.remap_args)["keyframe_points"], "keyframe_points")
+        self.assertEqual(remaps_of(config)["keyframe_points"], "/acmp/keyframe_points")
+        self.assertEqual(remaps_of(load("dense_mapper.launch"), "map_server")["keyframe_points"], "keyframe_points")
 
     def test_networks_get_the_mappers_images(self):
-        shipped = os.path.join(SOURCE, "config/networks/midas_small.yaml")
-        self.assertTrue(os.path.exists(shipped))
-        given = {name: "/given/" + name for name in ("image", "prior_depth", "mask")}
-        for launch in ["dense_mapper.launch"] + ["frontends/" + name for name in FRONTENDS]:
-            config = load(launch, "depth_network:=midas_small.yaml", "mask_network:=/my/sky.yaml",
-                          *["%s:=%s" % item for item in given.items()])
+        shipped = str(SOURCE / "config/networks/midas_small.yaml")
+        self.assertTrue(Path(shipped).exists())
+        given = {name: f"/given/{name}" for name in ("image", "prior_depth", "mask")}
+        for launch in ["dense_mapper.launch", *FRONTENDS]:
+            config = load(launch, depth_network="midas_small.yaml", mask_network="/my/sky.yaml", **given)
             nodes = {node.name: node for node in config.nodes if node.type == "network_node.py"}
             with self.subTest(launch):
                 self.assertEqual({name: node.args for name, node in nodes.items()},
                                  {"depth_network": shipped, "mask_network": "/my/sky.yaml"})
-                for node in nodes.values():
+                for name, node in nodes.items():
                     self.assertEqual((node.namespace, node.required), ("/acmp/", False))
-                    self.assertEqual({name: dict(node.remap_args)[name] for name in given}, given)
+                    self.assertLessEqual(given.items(), remaps_of(config, name).items())
 
-    def test_nodelets_are_loaded_without_bonds(self):
-        with open(os.path.join(SOURCE, "nodelet_plugins.xml")) as file:
-            plugins = file.read()
-        for nodelet in [node for node in load("dense_mapper.launch").nodes if node.name != "manager"]:
-            self.assertIn("--no-bond", nodelet.args)
-            self.assertIn('name="%s"' % nodelet.args.split()[1], plugins)
-
-    def test_remaps_are_inputs(self):
-        inputs = [name for name, value in launch_arguments("dense_mapper.launch").items() if value and value[0] == "/"]
-        self.assertIn("image", inputs)
-        self.assertLessEqual(set(inputs), interface_names())
-        config = load("dense_mapper.launch", *["%s:=/given/%s" % (name, name) for name in inputs])
-        for node in [node for node in config.nodes if node.name != "manager"]:
-            remaps = dict(node.remap_args)
-            self.assertEqual({name: remaps[name] for name in inputs}, {name: "/given/" + name for name in inputs})
+    def test_nodelets_are_loaded_without_bonds_and_a_launch_whose_nodelet_cannot_start_ends(self):
+        for standalone in "true", "false":
+            config = load("dense_mapper.launch", standalone=standalone)
+            self.assertEqual(sorted(name.rstrip("/") for name in config.clear_params),  # values of an earlier start
+                             ["/acmp/dense_mapper", "/acmp/map_server"])
+            for name in "dense_mapper", "map_server":
+                self.assertTrue(node_of(config, name).required)
+                if standalone == "false":
+                    self.assertIn("--no-bond", node_of(config, name).args)
+                    self.assertIn(f'name="{node_of(config, name).args.split()[1]}"', read("nodelet_plugins.xml"))
 
     def test_parameters_are_known(self):
         overrides = {"device": "cpu", "image_transport": "compressed", "pose_is": "T_cam_world",
                      "pose_child": "camera_flu", "overload": "block", "preset": "online"}
-        config = load("dense_mapper.launch", *["%s:=%s" % item for item in overrides.items()])
-        values = mapper_parameters(config)
-        map_prefix = NAMESPACE + "map_server/"
-        of_map = {name[len(map_prefix):] for name in config.params if name.startswith(map_prefix)}
-        self.assertEqual(len(values) + len(of_map), len(config.params), "there are others")
-        self.assertLessEqual(set(values), parameter_names())
-        self.assertEqual(of_map, parameter_names("config/map_server.yaml"))
-        for name, value in overrides.items():
-            self.assertEqual(values[name], value)
+        config = load("dense_mapper.launch", **overrides)
+        of_mapper, of_map = parameters_of(config), parameters_of(config, "map_server")
+        self.assertEqual(len(of_mapper) + len(of_map), len(config.params), "there are others")
+        self.assertLessEqual(set(of_mapper), set(parameters(OF_MAPPER)))
+        self.assertEqual(set(of_map), set(parameters(OF_MAP)))
+        self.assertLessEqual(overrides.items(), of_mapper.items())
 
     def test_roslaunch_calls_no_optional_argument_required(self):
-        for launch in ["dense_mapper.launch", "demo.launch"] + ["frontends/" + name for name in FRONTENDS]:
+        for launch in ["dense_mapper.launch", "demo.launch", *FRONTENDS]:
             with self.subTest(launch):
-                shown = roslaunch.arg_dump.get_args([os.path.join(SOURCE, "launch", launch)])
+                shown = roslaunch.arg_dump.get_args([str(LAUNCH / launch)])
                 required = {name for name, (_, default) in shown.items() if not default}
                 self.assertEqual(required, {"bag"} if launch == "demo.launch" else set())
 
     def test_every_argument_that_names_a_parameter_sets_it(self):
-        check_arguments_set_parameters(self, "dense_mapper.launch")
+        """Over a frontend's own parameters, too."""
+        arguments, other = set(launch_arguments("dense_mapper.launch")), {bool: True, int: 5, float: 0.75, str: "other"}
+        for launch in ["dense_mapper.launch", *FRONTENDS]:
+            for node, path, least in (("dense_mapper", OF_MAPPER, {"preset", "max_image_size", "lookahead"}),
+                                      ("map_server", OF_MAP, {"max_keyframes", "voxel_size"})):
+                defaults = parameters(path)
+                names = arguments & set(defaults)
+                self.assertGreaterEqual(names, least)
+                wanted = {name: other[type(defaults[name])] for name in names - {"T_body_cam", "T_cam_source"}}
+                found = parameters_of(load(launch, **wanted), node)
+                for name, value in wanted.items():
+                    with self.subTest(launch=launch, name=name):
+                        self.assertNotEqual(value, defaults[name])
+                        self.assertEqual((found[name], type(found[name])), (value, type(defaults[name])))
 
     def test_parameters_that_matter_are_arguments(self):
-        with open(os.path.join(SOURCE, "README.md")) as file:
-            table = file.read().split("| parameter | default | |\n")[1].split("\n\n")[0]
+        table = read("README.md").split("| parameter | default | |\n")[1].split("\n\n")[0]
         names = {name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row.split("|")[1])}
         self.assertGreaterEqual(len(names), 10)
         self.assertLessEqual(names, set(launch_arguments("dense_mapper.launch")))
 
-    def test_values_of_an_earlier_start_are_forgotten(self):
-        for standalone in ("true", "false"):
-            config = load("dense_mapper.launch", "standalone:=" + standalone)
-            self.assertEqual(sorted(name.rstrip("/") for name in config.clear_params),
-                             ["/acmp/dense_mapper", "/acmp/map_server"])
-
     def test_demo(self):
-        config = load("demo.launch", "bag:=/some.bag", "rviz:=false", "device:=cpu")
+        config = load("demo.launch", bag="/some.bag", rviz="false", device="cpu")
         self.assertEqual(node_names(config), ["/acmp/dense_mapper", "/acmp/manager", "/acmp/map_server", "/player"])
         self.assertTrue(config.params["/use_sim_time"].value)
-        self.assertEqual(config.params["/acmp/dense_mapper/overload"].value, "block")
-        self.assertEqual(config.params["/acmp/dense_mapper/device"].value, "cpu")
-        player = [node for node in config.nodes if node.name == "player"][0]
-        self.assertIn("--clock", player.args)
-        self.assertIn("/some.bag", player.args)
-
-    def test_demo_shows_the_config_that_is_shipped(self):
-        rviz = [node for node in load("demo.launch", "bag:=/some.bag").nodes if node.name == "rviz"][0]
-        self.assertTrue(os.path.exists(rviz.args.split()[-1]), rviz.args)
+        self.assertLessEqual({"overload": "block", "device": "cpu"}.items(), parameters_of(config).items())
+        self.assertIn("--clock", node_of(config, "player").args)
+        self.assertIn("/some.bag", node_of(config, "player").args)
+        rviz = node_of(load("demo.launch", bag="/some.bag"), "rviz")
+        self.assertTrue(Path(rviz.args.split()[-1]).exists(), rviz.args)
 
     def test_rviz_has_the_frame_of_the_frontends_poses(self):
-        for launch, frame, arguments in (("frontends/stella_vslam_ros.launch", "map", ()), ("frontends/ov2slam.launch", "world", ()),
-                                         ("frontends/openvins.launch", "global", ()), ("frontends/rtabmap.launch", "odom", ()),
-                                         ("dense_mapper.launch", "earth", ("world_frame:=earth",))):
+        for launch, frame, arguments in (
+                ("frontends/stella_vslam_ros.launch", "map", ()), ("frontends/ov2slam.launch", "world", ()),
+                ("frontends/openvins.launch", "global", ()), ("frontends/rtabmap.launch", "odom", ()),
+                ("dense_mapper.launch", "earth", ("world_frame:=earth",))):
             self.assertNotIn("rviz", [node.name for node in load(launch, *arguments).nodes])
-            rviz = [node for node in load(launch, "rviz:=true", *arguments).nodes if node.name == "rviz"][0]
-            self.assertIn("-f %s " % frame, rviz.args)
-
-    def test_a_launch_whose_nodelet_cannot_start_ends(self):
-        for standalone in "true", "false":
-            nodes = {node.name: node.required for node in load("dense_mapper.launch", "standalone:=" + standalone).nodes}
-            self.assertTrue(nodes["dense_mapper"] and nodes["map_server"], nodes)
+            self.assertIn(f"-f {frame} ", node_of(load(launch, "rviz:=true", *arguments), "rviz").args)
 
 
 class Frontends(unittest.TestCase):
-    def test_each_has_parameters(self):
-        paths = glob.glob(os.path.join(SOURCE, "config/frontends/*.yaml"))
-        self.assertEqual(sorted(os.path.basename(path) for path in paths),
-                         [name.replace(".launch", ".yaml") for name in FRONTENDS])
-
     def test_its_parameters_are_loaded_over_the_others(self):
+        self.assertEqual({path.stem for path in (SOURCE / "config/frontends").glob("*.yaml")},
+                         {Path(launch).stem for launch in FRONTENDS})
+        plain = parameters_of(load("dense_mapper.launch"))
         for launch in FRONTENDS:
-            with self.subTest(launch):
-                with open(os.path.join(SOURCE, "config/frontends", launch.replace(".launch", ".yaml"))) as file:
-                    own = yaml.safe_load(file)
-                self.assertLessEqual(set(own), parameter_names())
-                loaded = mapper_parameters(load("frontends/" + launch))
-                self.assertEqual({name: loaded[name] for name in own}, own)
-                self.assertEqual(set(loaded), set(mapper_parameters(load("dense_mapper.launch"))))
+            with self.subTest(launch), tempfile.NamedTemporaryFile("w", suffix=".yaml") as of_user:
+                own = yaml.safe_load(read(f"config/frontends/{Path(launch).stem}.yaml"))
+                self.assertLessEqual(set(own), set(parameters(OF_MAPPER)))
+                loaded = parameters_of(load(launch))
+                self.assertLessEqual(own.items(), loaded.items())
+                self.assertEqual(set(loaded), set(plain))
+                of_user.write("sync_tolerance: 0.25\n")
+                of_user.flush()
+                self.assertEqual(parameters_of(load(launch, frontend_config=of_user.name)), {**plain, "sync_tolerance": 0.25})
 
     def test_its_topics_reach_the_mapper(self):
         for launch in FRONTENDS:
             with self.subTest(launch):
-                mapper = [n for n in load("frontends/" + launch).nodes if n.name == "dense_mapper"][0]
-                remaps = dict(mapper.remap_args)
                 topics = {name: value.replace("$(arg node)", "orb_slam2_mono")
-                          for name, value in launch_arguments("frontends/" + launch).items()
+                          for name, value in launch_arguments(launch).items()
                           if value and value.startswith("/") and name in interface_names()}
                 self.assertGreaterEqual(len(topics), 3)
-                self.assertEqual({name: remaps[name] for name in topics}, topics)
+                self.assertLessEqual(topics.items(), remaps_of(load(launch)).items())
 
     def test_stereo_adds_the_right_camera(self):
-        for launch in STEREO:
+        for launch in sorted(set(FRONTENDS).difference(MONO)):
             with self.subTest(launch):
-                alone = load("frontends/" + launch)
-                pair = load("frontends/" + launch, "stereo:=true")
-                self.assertEqual(mapper_parameters(pair), dict(mapper_parameters(alone), source_cameras=1))
-                remaps = dict([node for node in pair.nodes if node.name == "dense_mapper"][0].remap_args)
+                pair = load(launch, stereo="true")
+                self.assertEqual(parameters_of(pair), {**parameters_of(load(launch)), "source_cameras": 1})
+                remaps = remaps_of(pair)
                 for left, right in (("image", "source_image"), ("camera_info", "source_camera_info")):
                     names = re.sub("cam0", "cam1", re.sub("left", "right", remaps[left])).replace("_color", "")
                     self.assertEqual(remaps[right], names)
                     self.assertNotEqual(remaps[right], remaps[left])
 
-    def test_arguments_of_the_mapper_count_more_than_its_own_parameters(self):
-        for launch in FRONTENDS:
-            check_arguments_set_parameters(self, "frontends/" + launch)
-
     def test_other_arguments_of_the_mapper_reach_it(self):
-        topics = [name for name, value in launch_arguments("dense_mapper.launch").items() if value and value[0] == "/"]
-        arguments = ["%s:=/given/%s" % (name, name) for name in topics]
-        for launch in FRONTENDS:
+        self.assertIn("image", inputs())
+        self.assertLessEqual(set(inputs()), interface_names())
+        given = {name: f"/given/{name}" for name in inputs()}
+        for launch in ["dense_mapper.launch", *FRONTENDS]:
             with self.subTest(launch):
-                config = load("frontends/" + launch, "namespace:=other", "standalone:=true", "map:=false", *arguments)
-                self.assertEqual(node_names(config), ["/other/dense_mapper"])
-                remaps = dict(config.nodes[0].remap_args)
-                self.assertEqual({name: remaps[name] for name in topics}, {name: "/given/" + name for name in topics})
-
-    def test_a_file_of_the_users_takes_the_place_of_its_own(self):
-        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
-            file.write("sync_tolerance: 0.25\n")
-            file.flush()
-            for launch in FRONTENDS:
-                with self.subTest(launch):
-                    values = mapper_parameters(load("frontends/" + launch, "frontend_config:=" + file.name))
-                    self.assertEqual(values, dict(parameters_of_plain_launch(), sync_tolerance=0.25))
+                self.assertLessEqual(given.items(), remaps_of(load(launch, **given), "map_server").items())
+                alone = load(launch, namespace="other", standalone="true", map="false", **given)
+                self.assertEqual(node_names(alone), ["/other/dense_mapper"])
+                self.assertLessEqual(given.items(), remaps_of(alone).items())
 
 
 IMAGE, CAMERA_INFO, CLOUD, POSE = "sensor_msgs/Image", "sensor_msgs/CameraInfo", "sensor_msgs/PointCloud2", "geometry_msgs/PoseStamped"
@@ -303,7 +260,7 @@ class Consumers(unittest.TestCase):
     def test_they_get_what_they_read(self):
         for launch, (kind, arguments, reads, parameters_of_node) in READERS.items():
             with self.subTest(launch):
-                config = load("consumers/" + launch, *arguments)
+                config = load(f"consumers/{launch}", *arguments)
                 node = [node for node in config.nodes if node.type == kind][-1]
                 remaps = dict(node.remap_args)
                 self.assertEqual({name: OUTPUTS.get(remaps.get(name, name)) for name in reads}, reads)
@@ -348,7 +305,7 @@ class PackageXml(unittest.TestCase):
 
     def setUp(self):
         environment = {"ROS_DISTRO": "debian", "ROS_PYTHON_VERSION": "3", "ROS_VERSION": "1"}
-        self.package = catkin_pkg.package.parse_package(os.path.join(SOURCE, "package.xml"))
+        self.package = catkin_pkg.package.parse_package(str(SOURCE / "package.xml"))
         self.package.evaluate_conditions(environment)
         self.package.validate()
 
@@ -357,9 +314,7 @@ class PackageXml(unittest.TestCase):
                 if item.evaluated_condition}
 
     def test_catkin_packages(self):
-        with open(os.path.join(SOURCE, "src/cmake/AcmpRos.cmake")) as file:
-            text = file.read()
-        components = re.search(r"ACMP_CATKIN_COMPONENTS ([^)]*)\)", text).group(1).split()
+        components = re.search(r"ACMP_CATKIN_COMPONENTS ([^)]*)\)", read("src/cmake/AcmpRos.cmake")).group(1).split()
         self.assertGreater(len(components), 15)
         self.assertLessEqual(set(components), self.names("build"))
 
@@ -371,18 +326,14 @@ class PackageXml(unittest.TestCase):
                 "pcl_conversions": "pcl_conversions", "Python": "python3-dev", "pybind11": "pybind11-dev",
                 "rosbag_storage": "rosbag", "rostest": "rostest"}
         others = {"CUDAToolkit", "Threads", "catkin"}
-        found = set()
-        paths = glob.glob(os.path.join(SOURCE, "**/CMakeLists.txt"), recursive=True)
-        for path in paths + glob.glob(os.path.join(SOURCE, "src/cmake/*.cmake")):
-            if os.path.relpath(path, SOURCE).split(os.sep)[0] in ("src", "test", "cuda", "CMakeLists.txt"):
-                with open(path) as file:
-                    found |= set(re.findall(r"find_package\(([\w-]+)", file.read()))
+        paths = [SOURCE / "CMakeLists.txt", *(SOURCE / "src/cmake").glob("*.cmake")]
+        paths += [path for folder in ("src", "test", "cuda") for path in (SOURCE / folder).rglob("CMakeLists.txt")]
+        found = {name for path in paths for name in re.findall(r"find_package\(([\w-]+)", path.read_text())}
         self.assertEqual(found - others - set(keys), set(), "has no key here")
         self.assertLessEqual({keys[name] for name in found - others}, self.names("build", "test"))
 
     def test_nodes_of_launch_files(self):
-        nodes = [node for launch in ["dense_mapper.launch"] for node in load(launch).nodes]
-        nodes += load("demo.launch", "bag:=/some.bag").nodes
+        nodes = load("dense_mapper.launch").nodes + load("demo.launch", bag="/some.bag").nodes
         nodes += [node for node in load("consumers/voxblox.launch").nodes if node.package != "voxblox_ros"]
         packages = {node.package for node in nodes} - {"acmp_mapping"}
         self.assertGreaterEqual(packages, {"nodelet", "rosbag", "rviz", "topic_tools"})
@@ -396,31 +347,25 @@ class PackageXml(unittest.TestCase):
 class Viewers(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        with open(os.path.join(SOURCE, "config/acmp_mapping.rviz")) as file:
-            cls.rviz = yaml.safe_load(file)["Visualization Manager"]
-        with open(os.path.join(SOURCE, "config/foxglove_layout.json")) as file:
-            cls.foxglove = json.load(file)
-        cls.bridge = os.path.join(SOURCE, "scripts/rerun_bridge.py")
+        cls.rviz = yaml.safe_load(read("config/acmp_mapping.rviz"))["Visualization Manager"]
+        cls.foxglove = json.loads(read("config/foxglove_layout.json"))
 
     def test_topics_are_outputs(self):
         of_rviz = [display[key] for display in self.rviz["Displays"] for key in ("Topic", "Image Topic") if key in display]
         of_foxglove = [topic for panel in self.foxglove["configById"].values() for topic in
                        [*panel.get("topics", {}), *panel.get("imageMode", {}).values()]]
-        with open(self.bridge) as file:
-            of_rerun = [NAMESPACE + topic for topic in re.findall(r'"([\w/]+)": \(\w+, \w+\)', file.read())]
+        of_rerun = [NAMESPACE + topic for topic in re.findall(r'"([\w/]+)": \(\w+, \w+\)', read("scripts/rerun_bridge.py"))]
         for topics, least in ((of_rviz, 1), (of_foxglove, 10), (of_rerun, 7)):
             self.assertGreaterEqual(len(topics), least)
             self.assertLessEqual(set(topics), {NAMESPACE + name for name in interface_names()})
 
     def test_rvizs_clouds_have_the_channels_that_colour_them_and_its_frame_is_that_of_recorded_bags(self):
         clouds = [display for display in self.rviz["Displays"] if display["Class"] == "rviz/PointCloud2"]
-        with open(os.path.join(SOURCE, "src/ros/output_conversion.cpp")) as file:
-            fields = re.findall(r'"(\w+)", 1, kFloat', file.read())
+        fields = re.findall(r'"(\w+)", 1, kFloat', read("src/ros/output_conversion.cpp"))
         channels = {display.get("Channel Name") for display in clouds if display["Color Transformer"] == "Intensity"}
         self.assertEqual(channels, {"confidence"})
         self.assertLessEqual(channels, set(fields))
-        with open(os.path.join(SOURCE, "include/acmp_mapping/bags/bag_recording.h")) as file:
-            frame = re.search(r'kWorldFrame\[\] = "(\w+)"', file.read()).group(1)
+        frame = re.search(r'kWorldFrame\[\] = "(\w+)"', read("include/acmp_mapping/bags/bag_recording.h")).group(1)
         self.assertEqual(self.rviz["Global Options"]["Fixed Frame"], frame)
 
     def test_every_panel_of_foxglove_has_a_place(self):
@@ -430,9 +375,25 @@ class Viewers(unittest.TestCase):
 
     @unittest.skipIf(importlib.util.find_spec("rerun"), "Rerun is installed")
     def test_reruns_bridge_says_what_to_install(self):
-        run = subprocess.run([sys.executable, self.bridge], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        run = subprocess.run([sys.executable, SOURCE / "scripts/rerun_bridge.py"], stdout=subprocess.PIPE,
+                             stderr=subprocess.STDOUT, text=True, check=False)
         self.assertEqual(run.returncode, 1)
         self.assertIn("Rerun is missing (pip install rerun-sdk)", run.stdout)
+
+
+class Documents(unittest.TestCase):
+    def test_links_lead_somewhere(self):
+        """Names of headings are made as GitHub makes them."""
+        texts = {path: path.read_text() for path in [SOURCE / "README.md", *(SOURCE / "docs").glob("*.md")]}
+        headings = {path: {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
+                           for heading in re.findall(r"^#+ (.*)$", text, re.MULTILINE)} for path, text in texts.items()}
+        for path, text in texts.items():
+            for link in set(re.findall(r"\]\((?!http)([^)]+)\)", text)):
+                with self.subTest(link, document=path.name):
+                    name, _, heading = link.partition("#")
+                    target = (path.parent / name).resolve() if name else path
+                    self.assertTrue(target.exists())
+                    self.assertTrue(not heading or heading in headings[target])
 
 
 if __name__ == "__main__":
