@@ -201,8 +201,4 @@ void BinaryReader::ExpectEnd() const {
   if (remaining() > 0) Fail(Concat(remaining(), " bytes too many; the file is corrupt"));
 }
 
-void BinaryReader::Fail(const std::string& message) const {
-  throw InvalidInputError(Concat(path_.string(), " at byte ", position_, ": ", message));
-}
-
 }  // namespace acmp

@@ -91,7 +91,8 @@ class BinaryReader {
   void ExpectEnd() const;
 
   uint64_t remaining() const { return size_ - position_; }
-  [[noreturn]] void Fail(const std::string& message) const;
+  std::string Where() const { return Concat(path_.string(), " at byte ", position_); }
+  [[noreturn]] void Fail(const std::string& message) const { throw InvalidInputError(Concat(Where(), ": ", message)); }
 
  private:
   std::filesystem::path path_;
