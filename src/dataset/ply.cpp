@@ -279,10 +279,10 @@ char* AppendRecord(char* target, const std::array<uint32_t, 3>& triangle, const 
   return Append(Append(target, uint8_t{3}), triangle);
 }
 
-/// Calls write(place of the first record, records) for blocks of records as they are in the file.
-template <class Item, class Write>
-void MakeRecords(const std::vector<Item>& items, const Eigen::Vector3d& origin, size_t record_bytes,
-                 const Write& write) {
+/// Writes records from a place in the file on. Returns the place after them.
+template <class Item>
+size_t WriteRecords(const std::vector<Item>& items, const Eigen::Vector3d& origin, size_t record_bytes, size_t offset,
+                    AtomicFile* file) {
   constexpr size_t kBlock = 1 << 18;  // records in memory at a time
   std::vector<char> records;
   for (size_t begin = 0; begin < items.size(); begin += kBlock) {
@@ -290,8 +290,11 @@ void MakeRecords(const std::vector<Item>& items, const Eigen::Vector3d& origin, 
     records.resize(count * record_bytes);
     tbb::parallel_for(size_t{0}, count,
                       [&](size_t i) { AppendRecord(records.data() + i * record_bytes, items[begin + i], origin); });
-    write(begin, records);
+    file->WriteAt(offset, records.data(), records.size());
+    file->StartWriteback(offset, records.size());
+    offset += records.size();
   }
+  return offset;
 }
 
 void WriteTextPly(const PointCloud& points, const Eigen::Vector3d& origin, AtomicFile* file) {
@@ -308,24 +311,25 @@ void WriteTextPly(const PointCloud& points, const Eigen::Vector3d& origin, Atomi
 
 void WritePly(const std::filesystem::path& path, const PointCloud& points, const Eigen::Vector3d& origin, bool binary) {
   AtomicFile file(path, Durability::kPowerCut);
-  if (!binary) {
+  if (binary) {
+    const std::string header = MakeHeader(points.size(), origin, "");
+    file.Write(header);
+    WriteRecords(points, origin, RecordBytes(origin), header.size(), &file);
+  } else {
     WriteTextPly(points, origin, &file);
-    return file.Commit();
   }
-  file.Write(MakeHeader(points.size(), origin, ""));
-  const auto write = [&](size_t, const std::vector<char>& records) { file.Write(records.data(), records.size()); };
-  MakeRecords(points, origin, RecordBytes(origin), write);
   file.Commit();
 }
 
 void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh, const Eigen::Vector3d& origin) {
   AtomicFile file(path, Durability::kPowerCut);
   // int and not uint: some readers know no other type here.
-  file.Write(MakeHeader(mesh.vertices.size(), origin, "",
-                        Concat("element face ", mesh.triangles.size(), "\nproperty list uchar int vertex_indices\n")));
-  const auto write = [&](size_t, const std::vector<char>& records) { file.Write(records.data(), records.size()); };
-  MakeRecords(mesh.vertices, origin, RecordBytes(origin), write);
-  MakeRecords(mesh.triangles, origin, kTriangleBytes, write);
+  const std::string header =
+      MakeHeader(mesh.vertices.size(), origin, "",
+                 Concat("element face ", mesh.triangles.size(), "\nproperty list uchar int vertex_indices\n"));
+  file.Write(header);
+  const size_t end = WriteRecords(mesh.vertices, origin, RecordBytes(origin), header.size(), &file);
+  WriteRecords(mesh.triangles, origin, kTriangleBytes, end, &file);
   file.Commit();
 }
 
@@ -336,21 +340,11 @@ std::string PlyFile::Header() const {
 }
 
 PlyFile::PlyFile(const std::filesystem::path& path, Durability durability, const Eigen::Vector3d& origin)
-    : file_(path, durability), origin_(origin), header_bytes_(Header().size()) {}
+    : file_(path, durability), origin_(origin), end_(Header().size()) {}
 
-size_t PlyFile::Reserve(size_t points) {
-  const size_t first = points_;
-  points_ += points;
-  return first;
-}
-
-void PlyFile::WriteAt(size_t first, const PointCloud& points) {
-  const size_t bytes = RecordBytes(origin_);
-  const size_t offset = header_bytes_ + first * bytes;
-  MakeRecords(points, origin_, bytes, [&](size_t begin, const std::vector<char>& records) {
-    file_.WriteAt(offset + begin * bytes, records.data(), records.size());
-  });
-  if (!points.empty()) file_.StartWriteback(offset, points.size() * bytes);  // 0 bytes would be all that follow
+void PlyFile::Append(const PointCloud& points) {
+  end_ = WriteRecords(points, origin_, RecordBytes(origin_), end_, &file_);
+  points_ += points.size();
 }
 
 void PlyFile::Commit() {

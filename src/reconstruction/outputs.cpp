@@ -210,7 +210,7 @@ CloudSize RunAndWriteResults(ReconstructRun* run) {
     if (tiles) {
       tiles->Add(points);
     } else {
-      file->WriteAt(file->Reserve(points.size()), points);
+      file->Append(points);
     }
     if (files.colmap()) clouds.push_back(std::move(points));
     run->Count(&RunTimes::cloud_ms, timer.Lap());
