@@ -28,6 +28,7 @@ FRONTENDS = ["kimera_vio.launch", "okvis.launch", "openvins.launch", "orb_slam3_
              "stella_vslam_ros.launch", "vins_fusion.launch", "vins_mono.launch"]
 STEREO = ["kimera_vio.launch", "okvis.launch", "openvins.launch", "orb_slam3_ros.launch", "orb_slam3_ros_wrapper.launch",
           "ov2slam.launch", "rtabmap.launch", "vins_fusion.launch"]
+MAPPERS = ["dense_mapper.launch"] + ["frontends/" + name for name in FRONTENDS]  # each starts mapper and map
 CONSUMERS = ["costmap_2d.launch", "depth_image_proc.launch", "nvblox.launch", "rtabmap_keyframes.launch",
              "voxblox.launch"]
 
@@ -70,28 +71,6 @@ def mapper_parameters(config):
     return {name[len(prefix):]: param.value for name, param in config.params.items() if name.startswith(prefix)}
 
 
-def check_arguments_set_parameters(test, launch):
-    """Of each argument of dense_mapper.launch that names a parameter, given to `launch`."""
-    arguments = set(launch_arguments("dense_mapper.launch"))
-    for node, path, least in (("dense_mapper", "config/acmp_mapping.yaml", {"preset", "max_image_size", "lookahead"}),
-                              ("map_server", "config/map_server.yaml", {"max_keyframes", "voxel_size"})):
-        defaults = parameters(path)
-        names = arguments & set(defaults)
-        test.assertGreaterEqual(names, least)
-        other = {bool: True, int: 5, float: 0.75, str: "other"}
-        wanted = {name: other[type(defaults[name])] for name in names - {"T_body_cam", "T_cam_source"}}
-        params = load(launch, *["%s:=%s" % item for item in wanted.items()]).params
-        for name, value in wanted.items():
-            with test.subTest(launch=launch, name=name):
-                test.assertNotEqual(value, defaults[name])
-                found = params[NAMESPACE + node + "/" + name].value
-                test.assertEqual((found, type(found)), (value, type(defaults[name])))
-
-
-def parameters_of_plain_launch():
-    return mapper_parameters(load("dense_mapper.launch"))
-
-
 class LaunchFiles(unittest.TestCase):
     def test_all_are_tested_here(self):
         paths = glob.glob(os.path.join(SOURCE, "launch/**/*.launch"), recursive=True)
@@ -100,10 +79,14 @@ class LaunchFiles(unittest.TestCase):
                                        ["frontends/" + n for n in FRONTENDS] + ["consumers/" + n for n in CONSUMERS]))
 
     def test_mapper_and_map_as_nodelets_and_alone(self):
-        self.assertEqual(node_names(load("dense_mapper.launch")),
-                         ["/acmp/dense_mapper", "/acmp/manager", "/acmp/map_server"])
-        alone = load("dense_mapper.launch", "standalone:=true", "namespace:=other")
-        self.assertEqual(node_names(alone), ["/other/dense_mapper", "/other/map_server"])
+        for standalone in ("false", "true"):
+            config = load("dense_mapper.launch", "standalone:=" + standalone, "namespace:=other")
+            nodes = {node.name: node.required for node in config.nodes}
+            self.assertEqual(set(nodes), {"dense_mapper", "map_server"} | ({"manager"} if standalone == "false" else set()))
+            self.assertEqual({node.namespace for node in config.nodes}, {"/other/"})
+            self.assertTrue(nodes["dense_mapper"] and nodes["map_server"], "the launch goes on without a node")
+            self.assertEqual(sorted(name.rstrip("/") for name in config.clear_params),
+                             ["/other/dense_mapper", "/other/map_server"], "values of an earlier start count")
 
     def test_a_second_mapper_sends_its_points_to_the_first_ones_map(self):
         config = load("dense_mapper.launch", "namespace:=acmp/right", "map:=false",
@@ -118,7 +101,7 @@ class LaunchFiles(unittest.TestCase):
         shipped = os.path.join(SOURCE, "config/networks/midas_small.yaml")
         self.assertTrue(os.path.exists(shipped))
         given = {name: "/given/" + name for name in ("image", "prior_depth", "mask")}
-        for launch in ["dense_mapper.launch"] + ["frontends/" + name for name in FRONTENDS]:
+        for launch in MAPPERS:
             config = load(launch, "depth_network:=midas_small.yaml", "mask_network:=/my/sky.yaml",
                           *["%s:=%s" % item for item in given.items()])
             nodes = {node.name: node for node in config.nodes if node.type == "network_node.py"}
@@ -140,10 +123,15 @@ class LaunchFiles(unittest.TestCase):
         inputs = [name for name, value in launch_arguments("dense_mapper.launch").items() if value and value[0] == "/"]
         self.assertIn("image", inputs)
         self.assertLessEqual(set(inputs), interface_names())
-        config = load("dense_mapper.launch", *["%s:=/given/%s" % (name, name) for name in inputs])
-        for node in [node for node in config.nodes if node.name != "manager"]:
-            remaps = dict(node.remap_args)
-            self.assertEqual({name: remaps[name] for name in inputs}, {name: "/given/" + name for name in inputs})
+        alone = ["namespace:=other", "standalone:=true", "map:=false"]
+        for launch, arguments in [("dense_mapper.launch", [])] + [(launch, alone) for launch in MAPPERS]:
+            config = load(launch, *arguments, *["%s:=/given/%s" % (name, name) for name in inputs])
+            if arguments:
+                self.assertEqual(node_names(config), ["/other/dense_mapper"])
+            for node in [node for node in config.nodes if node.name != "manager"]:
+                remaps = dict(node.remap_args)
+                with self.subTest(launch=launch, node=node.name):
+                    self.assertEqual({name: remaps[name] for name in inputs}, {name: "/given/" + name for name in inputs})
 
     def test_parameters_are_known(self):
         overrides = {"device": "cpu", "image_transport": "compressed", "pose_is": "T_cam_world",
@@ -159,14 +147,28 @@ class LaunchFiles(unittest.TestCase):
             self.assertEqual(values[name], value)
 
     def test_roslaunch_calls_no_optional_argument_required(self):
-        for launch in ["dense_mapper.launch", "demo.launch"] + ["frontends/" + name for name in FRONTENDS]:
+        for launch in MAPPERS + ["demo.launch"]:
             with self.subTest(launch):
                 shown = roslaunch.arg_dump.get_args([os.path.join(SOURCE, "launch", launch)])
                 required = {name for name, (_, default) in shown.items() if not default}
                 self.assertEqual(required, {"bag"} if launch == "demo.launch" else set())
 
     def test_every_argument_that_names_a_parameter_sets_it(self):
-        check_arguments_set_parameters(self, "dense_mapper.launch")
+        arguments = set(launch_arguments("dense_mapper.launch"))
+        for node, path, least in (("dense_mapper", "config/acmp_mapping.yaml", {"preset", "max_image_size", "lookahead"}),
+                                  ("map_server", "config/map_server.yaml", {"max_keyframes", "voxel_size"})):
+            defaults = parameters(path)
+            names = arguments & set(defaults)
+            self.assertGreaterEqual(names, least)
+            other = {bool: True, int: 5, float: 0.75, str: "other"}
+            wanted = {name: other[type(defaults[name])] for name in names - {"T_body_cam", "T_cam_source"}}
+            for launch in MAPPERS:
+                params = load(launch, *["%s:=%s" % item for item in wanted.items()]).params
+                for name, value in wanted.items():
+                    with self.subTest(launch=launch, name=name):
+                        self.assertNotEqual(value, defaults[name])
+                        found = params[NAMESPACE + node + "/" + name].value
+                        self.assertEqual((found, type(found)), (value, type(defaults[name])))
 
     def test_parameters_that_matter_are_arguments(self):
         with open(os.path.join(SOURCE, "README.md")) as file:
@@ -175,25 +177,17 @@ class LaunchFiles(unittest.TestCase):
         self.assertGreaterEqual(len(names), 10)
         self.assertLessEqual(names, set(launch_arguments("dense_mapper.launch")))
 
-    def test_values_of_an_earlier_start_are_forgotten(self):
-        for standalone in ("true", "false"):
-            config = load("dense_mapper.launch", "standalone:=" + standalone)
-            self.assertEqual(sorted(name.rstrip("/") for name in config.clear_params),
-                             ["/acmp/dense_mapper", "/acmp/map_server"])
-
     def test_demo(self):
-        config = load("demo.launch", "bag:=/some.bag", "rviz:=false", "device:=cpu")
-        self.assertEqual(node_names(config), ["/acmp/dense_mapper", "/acmp/manager", "/acmp/map_server", "/player"])
+        config = load("demo.launch", "bag:=/some.bag", "device:=cpu")
+        nodes = {node.name: node for node in config.nodes}
+        self.assertEqual(set(nodes), {"dense_mapper", "manager", "map_server", "player", "rviz"})
+        self.assertNotIn("/rviz", node_names(load("demo.launch", "bag:=/some.bag", "rviz:=false")))
         self.assertTrue(config.params["/use_sim_time"].value)
         self.assertEqual(config.params["/acmp/dense_mapper/overload"].value, "block")
         self.assertEqual(config.params["/acmp/dense_mapper/device"].value, "cpu")
-        player = [node for node in config.nodes if node.name == "player"][0]
-        self.assertIn("--clock", player.args)
-        self.assertIn("/some.bag", player.args)
-
-    def test_demo_shows_the_config_that_is_shipped(self):
-        rviz = [node for node in load("demo.launch", "bag:=/some.bag").nodes if node.name == "rviz"][0]
-        self.assertTrue(os.path.exists(rviz.args.split()[-1]), rviz.args)
+        self.assertIn("--clock", nodes["player"].args)
+        self.assertIn("/some.bag", nodes["player"].args)
+        self.assertTrue(os.path.exists(nodes["rviz"].args.split()[-1]), nodes["rviz"].args)
 
     def test_rviz_has_the_frame_of_the_frontends_poses(self):
         for launch, frame, arguments in (("frontends/stella_vslam_ros.launch", "map", ()), ("frontends/ov2slam.launch", "world", ()),
@@ -202,11 +196,6 @@ class LaunchFiles(unittest.TestCase):
             self.assertNotIn("rviz", [node.name for node in load(launch, *arguments).nodes])
             rviz = [node for node in load(launch, "rviz:=true", *arguments).nodes if node.name == "rviz"][0]
             self.assertIn("-f %s " % frame, rviz.args)
-
-    def test_a_launch_whose_nodelet_cannot_start_ends(self):
-        for standalone in "true", "false":
-            nodes = {node.name: node.required for node in load("dense_mapper.launch", "standalone:=" + standalone).nodes}
-            self.assertTrue(nodes["dense_mapper"] and nodes["map_server"], nodes)
 
 
 class Frontends(unittest.TestCase):
@@ -248,20 +237,6 @@ class Frontends(unittest.TestCase):
                     self.assertEqual(remaps[right], names)
                     self.assertNotEqual(remaps[right], remaps[left])
 
-    def test_arguments_of_the_mapper_count_more_than_its_own_parameters(self):
-        for launch in FRONTENDS:
-            check_arguments_set_parameters(self, "frontends/" + launch)
-
-    def test_other_arguments_of_the_mapper_reach_it(self):
-        topics = [name for name, value in launch_arguments("dense_mapper.launch").items() if value and value[0] == "/"]
-        arguments = ["%s:=/given/%s" % (name, name) for name in topics]
-        for launch in FRONTENDS:
-            with self.subTest(launch):
-                config = load("frontends/" + launch, "namespace:=other", "standalone:=true", "map:=false", *arguments)
-                self.assertEqual(node_names(config), ["/other/dense_mapper"])
-                remaps = dict(config.nodes[0].remap_args)
-                self.assertEqual({name: remaps[name] for name in topics}, {name: "/given/" + name for name in topics})
-
     def test_a_file_of_the_users_takes_the_place_of_its_own(self):
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
             file.write("sync_tolerance: 0.25\n")
@@ -269,7 +244,8 @@ class Frontends(unittest.TestCase):
             for launch in FRONTENDS:
                 with self.subTest(launch):
                     values = mapper_parameters(load("frontends/" + launch, "frontend_config:=" + file.name))
-                    self.assertEqual(values, dict(parameters_of_plain_launch(), sync_tolerance=0.25))
+                    plain = mapper_parameters(load("dense_mapper.launch"))
+                    self.assertEqual(values, dict(plain, sync_tolerance=0.25))
 
 
 IMAGE, CAMERA_INFO, CLOUD, POSE = "sensor_msgs/Image", "sensor_msgs/CameraInfo", "sensor_msgs/PointCloud2", "geometry_msgs/PoseStamped"
