@@ -27,6 +27,7 @@ def lines(prefix, suffix="", **values):
 
 
 PINHOLE = dict(zip(("fx", "fy", "cx", "cy"), K))
+BROWN = dict(zip(("k1", "k2", "p1", "p2"), RADTAN))
 
 VINS = """%YAML:1.0
 ---
@@ -66,27 +67,9 @@ def basalt(kind, **parameters):
 
 VINS_FULL = VINS.replace("PINHOLE", "PINHOLE_FULL").replace("p1:", "k3: 3, k4: 4, k5: 5, k6: 6, p1:")
 
-ORB_SLAM3 = """%YAML:1.0
-#--------------------------------------------------------------------------------------------
-File.version: "1.0"
-Camera.type: "PinHole"
-Camera1.fx: 458.654
-Camera1.fy: 457.296
-Camera1.cx: 367.215
-Camera1.cy: 248.375
-Camera1.k1: -0.28340811
-Camera1.k2: 0.07395907
-Camera1.p1: 0.00019359
-Camera1.p2: 1.76187114e-05
-Camera2.fx: 457.587
-Camera2.fy: 456.134
-Camera2.cx: 379.999
-Camera2.cy: 255.238
-Camera.width: 752
-Camera.height: 480
-Camera.newWidth: 600
-Camera.newHeight: 350
-IMU.T_b_c1: !!opencv-matrix
+ORB_SLAM3 = "%YAML:1.0\n#----------------\nFile.version: \"1.0\"\nCamera.type: \"PinHole\"\n" + lines(
+    "Camera1.", **PINHOLE, **BROWN) + lines("Camera2.", fx=457.587, fy=456.134, cx=379.999, cy=255.238) + lines(
+        "Camera.", width=752, height=480, newWidth=600, newHeight=350) + """IMU.T_b_c1: !!opencv-matrix
    rows: 1
    cols: 1
    dt: f
@@ -138,29 +121,12 @@ distortion_model: radial-tangential
 distortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]
 """
 
-STELLA = """# stella_vslam
-Camera:
-  name: "EuRoC monocular"
-  setup: "monocular"
-  model: "perspective"
-  fx: 458.654
-  fy: 457.296
-  cx: 367.215
-  cy: 248.375
-  k1: -0.28340811
-  k2: 0.07395907
-  p1: 0.00019359
-  p2: 1.76187114e-05
-  k3: 0.0
-  cols: 752
-  rows: 480
-Feature:
-  max_num_keypoints: 1000
-"""
+STELLA = "# stella_vslam\nCamera:\n" + lines("  ", name='"EuRoC monocular"', setup='"monocular"', model='"perspective"', **PINHOLE,
+                                            **BROWN, k3=0.0, cols=752, rows=480) + "Feature:\n  max_num_keypoints: 1000\n"
 
 OV2SLAM = "%YAML 1.0\n---\n" + lines(
     "Camera.", topic_left="/cam0/image_raw", model_left="pinhole", model_right="fisheye", left_nwidth=752, left_nheight=480,
-    right_nwidth=512, right_nheight=512) + lines("Camera.", "l", **PINHOLE, **dict(zip(("k1", "k2", "p1", "p2"), RADTAN))) + lines(
+    right_nwidth=512, right_nheight=512) + lines("Camera.", "l", **PINHOLE, **BROWN) + lines(
         "Camera.", "r", fx=190.5, fy=191.5, cx=254.5, cy=256.5, k1=0.01, k2=0.02, p1=0.03, p2=0.04) + "dop3p : 0\n"
 
 SVO = "cam_model: Pinhole\n" + lines("cam_", width=752, height=480, **PINHOLE, **{"d%d" % i: d for i, d in enumerate(RADTAN)})
