@@ -5,7 +5,7 @@
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
-#include "colmap_model.h"
+#include "scene_readers.h"
 
 namespace acmp {
 namespace {

@@ -1,11 +1,10 @@
-#include "colmap_model.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include "acmp_mapping/common/error.h"
 #include "input_file.h"
-#include "scene_private.h"
+#include "scene_readers.h"
 
 namespace acmp {
 namespace {
@@ -113,7 +112,7 @@ class BinaryRecords {
   }
   std::string ImageName() {
     constexpr size_t kMaxLength = 4096;
-    return file_.ReadString(kMaxLength, "image name");
+    return file_.ReadUntil('\0', kMaxLength, "image name");
   }
   /// Of each feature of an image: -1 for one without a point.
   std::vector<int64_t> PointIds() {

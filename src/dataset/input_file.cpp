@@ -2,13 +2,12 @@
 
 #include "acmp_mapping/common/classic_locale.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <charconv>
-#include <clocale>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
-#include <iterator>
 
 namespace acmp {
 namespace {
@@ -62,17 +61,11 @@ std::ifstream OpenInput(const std::filesystem::path& path) {
   return stream;
 }
 
-std::string ReadWholeFile(const std::filesystem::path& path) {
+std::string ReadInput(const std::filesystem::path& path, size_t max_bytes) {
   std::ifstream stream = OpenInput(path);
-  std::string content{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-  if (stream.bad()) throw InvalidInputError(Concat("cannot read ", path.string(), ": read error"));
-  return content;
-}
-
-std::string ReadFileStart(const std::filesystem::path& path, size_t max_bytes) {
-  std::ifstream stream = OpenInput(path);
-  std::string content(max_bytes, '\0');
-  stream.read(content.data(), static_cast<std::streamsize>(max_bytes));
+  std::error_code ignored;  // then nothing can be read either
+  std::string content(std::min<uintmax_t>(std::filesystem::file_size(path, ignored), max_bytes), '\0');
+  stream.read(content.data(), static_cast<std::streamsize>(content.size()));
   if (stream.bad()) throw InvalidInputError(Concat("cannot read ", path.string(), ": read error"));
   content.resize(static_cast<size_t>(stream.gcount()));
   return content;
@@ -165,9 +158,9 @@ void BinaryReader::Skip(uint64_t bytes, const char* what) {
   position_ += bytes;
 }
 
-std::string BinaryReader::ReadString(size_t max_length, const char* what) {
+std::string BinaryReader::ReadUntil(char end, size_t max_length, const char* what) {
   std::string text;
-  for (char c = Read<char>(what); c != '\0'; c = Read<char>(what)) {
+  for (char c = Read<char>(what); c != end; c = Read<char>(what)) {
     if (text.size() == max_length) Fail(Concat(what, " is longer than ", max_length, " characters"));
     text.push_back(c);
   }
@@ -175,11 +168,7 @@ std::string BinaryReader::ReadString(size_t max_length, const char* what) {
 }
 
 std::string BinaryReader::ReadLine(size_t max_length, const char* what) {
-  std::string text;
-  for (char c = Read<char>(what); c != '\n'; c = Read<char>(what)) {
-    if (text.size() == max_length) Fail(Concat(what, " is longer than ", max_length, " characters"));
-    text.push_back(c);
-  }
+  std::string text = ReadUntil('\n', max_length, what);
   if (!text.empty() && text.back() == '\r') text.pop_back();
   return text;
 }

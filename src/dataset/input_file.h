@@ -14,11 +14,8 @@ namespace acmp {
 /// Opens a regular file for reading; InvalidInputError with the system's reason when it is missing or unreadable.
 std::ifstream OpenInput(const std::filesystem::path& path);
 
-/// The whole content of a file.
-std::string ReadWholeFile(const std::filesystem::path& path);
-
 /// The first `max_bytes` of a file, or all of a shorter one.
-std::string ReadFileStart(const std::filesystem::path& path, size_t max_bytes);
+std::string ReadInput(const std::filesystem::path& path, size_t max_bytes = std::string::npos);
 
 /// Reads a text file line by line and knows where it is, for messages "FILE:LINE: ...".
 class TextReader {
@@ -80,9 +77,9 @@ class BinaryReader {
   }
   void ReadBytes(void* target, uint64_t bytes, const char* what);
   void Skip(uint64_t bytes, const char* what);
-  /// A zero-terminated string of at most `max_length` characters.
-  std::string ReadString(size_t max_length, const char* what);
-  /// A line without its newline character, at most `max_length` characters.
+  /// Up to this character, at most `max_length` before it, which is left out.
+  std::string ReadUntil(char end, size_t max_length, const char* what);
+  /// Up to the line's end, and without a carriage return there.
   std::string ReadLine(size_t max_length, const char* what);
   /// Reads a 64-bit count of records that take at least `bytes_each`, so that a corrupt count is found before memory is
   /// asked for.

@@ -7,10 +7,9 @@
 #include <unordered_map>
 
 #include "acmp_mapping/common/error.h"
-#include "colmap_model.h"
 #include "image_codec_private.h"
 #include "input_file.h"
-#include "scene_private.h"
+#include "scene_readers.h"
 
 namespace acmp {
 namespace {

@@ -97,20 +97,14 @@ Vec3f FromOrigin(const Eigen::Vector3d& position, ReadOrigin* origin);
 /// @param origin null: the world's
 PointCloud ReadPly(const std::filesystem::path& path, ReadOrigin* origin = nullptr);
 
-/// Vertices as the points of the cloud above, then faces as lists of three vertices.
-void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh,
-                  const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
 /// As ReadPly, with the faces if they are the element after the vertices; those of more corners are cut into triangles.
 TriangleMesh ReadPlyMesh(const std::filesystem::path& path, ReadOrigin* origin = nullptr);
-
-/// Wavefront OBJ: vertices (v x y z red green blue, colours 0..1, which many programs read), normals and triangles.
-void WriteObj(const std::filesystem::path& path, const TriangleMesh& mesh,
-              const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
 
 enum class MeshFormat { kPly, kObj };
 /// By extension, .ply or .obj, of any case; throws InvalidInputError for another one.
 MeshFormat MeshFormatOf(const std::filesystem::path& path);
-/// Throws InvalidInputError for a mesh without triangles.
+/// Writes PLY, the points of a cloud and faces, or Wavefront OBJ, with the vertices' colours. Throws InvalidInputError
+/// for a mesh without triangles.
 /// @param origin as for WritePly
 void WriteMesh(const std::filesystem::path& path, const TriangleMesh& mesh, MeshFormat format,
                const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());

@@ -59,4 +59,12 @@ std::optional<std::filesystem::path> FindColmapModel(const std::filesystem::path
 /// Reads a model, binary where both kinds are there (as COLMAP does).
 ColmapModel ReadColmapModel(const std::filesystem::path& folder);
 
+Scene ReadColmapScene(const std::filesystem::path& root, const std::filesystem::path& model_folder,
+                      const std::filesystem::path& image_folder);
+
+/// True when `root` has the parts that make it an MVSNet scene: cams/ and pair.txt.
+bool LooksLikeMvsnet(const std::filesystem::path& root);
+Scene ReadMvsnetScene(const std::filesystem::path& root, const std::filesystem::path& image_folder,
+                      PixelCenters centers);
+
 }  // namespace acmp

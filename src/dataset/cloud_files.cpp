@@ -1,3 +1,5 @@
+// Files of clouds and meshes.
+
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -7,6 +9,7 @@
 
 #include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/geometry/local_origin.h"
@@ -307,6 +310,35 @@ void WriteTextPly(const PointCloud& points, const Eigen::Vector3d& origin, Atomi
   }
 }
 
+/// Vertices as the points of a cloud, then faces as lists of three vertices.
+void WritePlyMesh(const TriangleMesh& mesh, const Eigen::Vector3d& origin, AtomicFile* file) {
+  // int and not uint: some readers know no other type here.
+  const std::string header =
+      MakeHeader(mesh.vertices.size(), origin, "",
+                 Concat("element face ", mesh.triangles.size(), "\nproperty list uchar int vertex_indices\n"));
+  file->Write(header);
+  const size_t end = WriteRecords(mesh.vertices, origin, RecordBytes(origin), header.size(), file);
+  WriteRecords(mesh.triangles, origin, kTriangleBytes, end, file);
+}
+
+/// Vertices (v x y z red green blue, colours 0..1, which many programs read), normals and triangles.
+void WriteObj(const TriangleMesh& mesh, const Eigen::Vector3d& origin, AtomicFile* file) {
+  constexpr double kWhite = 255;
+  const int digits = TextDigits(origin);
+  for (const SurfacePoint& v : mesh.vertices) {
+    const Eigen::Vector3d p = InWorld(origin, v.position);
+    file->Print("v %.*g %.*g %.*g %.4f %.4f %.4f\n", digits, p.x(), digits, p.y(), digits, p.z(), v.color.r / kWhite,
+                v.color.g / kWhite, v.color.b / kWhite);
+  }
+  for (const SurfacePoint& v : mesh.vertices) {
+    file->Print("vn %.4f %.4f %.4f\n", v.normal.x, v.normal.y, v.normal.z);
+  }
+  for (const auto& triangle : mesh.triangles) {
+    const unsigned a = triangle[0] + 1, b = triangle[1] + 1, c = triangle[2] + 1;  // counted from 1
+    file->Print("f %u//%u %u//%u %u//%u\n", a, a, b, b, c, c);
+  }
+}
+
 }  // namespace
 
 void WritePly(const std::filesystem::path& path, const PointCloud& points, const Eigen::Vector3d& origin, bool binary) {
@@ -318,18 +350,6 @@ void WritePly(const std::filesystem::path& path, const PointCloud& points, const
   } else {
     WriteTextPly(points, origin, &file);
   }
-  file.Commit();
-}
-
-void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh, const Eigen::Vector3d& origin) {
-  AtomicFile file(path, Durability::kPowerCut);
-  // int and not uint: some readers know no other type here.
-  const std::string header =
-      MakeHeader(mesh.vertices.size(), origin, "",
-                 Concat("element face ", mesh.triangles.size(), "\nproperty list uchar int vertex_indices\n"));
-  file.Write(header);
-  const size_t end = WriteRecords(mesh.vertices, origin, RecordBytes(origin), header.size(), &file);
-  WriteRecords(mesh.triangles, origin, kTriangleBytes, end, &file);
   file.Commit();
 }
 
@@ -365,6 +385,25 @@ PointCloud ReadPly(const std::filesystem::path& path, ReadOrigin* origin) {
 
 TriangleMesh ReadPlyMesh(const std::filesystem::path& path, ReadOrigin* origin) {
   return ReadElements(path, true, origin);
+}
+
+MeshFormat MeshFormatOf(const std::filesystem::path& path) {
+  const std::string extension = LowerExtension(path);
+  if (extension == ".ply") return MeshFormat::kPly;
+  if (extension == ".obj") return MeshFormat::kObj;
+  throw InvalidInputError(Concat("mesh ", path, ": must end with .ply or .obj"));
+}
+
+void WriteMesh(const std::filesystem::path& path, const TriangleMesh& mesh, MeshFormat format,
+               const Eigen::Vector3d& origin) {
+  if (mesh.triangles.empty()) throw InvalidInputError("the mesh is empty: nothing was written");
+  AtomicFile file(path, Durability::kPowerCut);
+  if (format == MeshFormat::kPly) {
+    WritePlyMesh(mesh, origin, &file);
+  } else {
+    WriteObj(mesh, origin, &file);
+  }
+  file.Commit();
 }
 
 }  // namespace acmp
