@@ -45,7 +45,7 @@ std::string EngineStore::StepName(int step, int final_step) {
   return step == final_step ? "final" : Concat("step_", step);
 }
 
-EngineProblem EngineStore::Problem(const ImagePlan& image, const DeviceEngine& engine) {
+EngineProblem EngineStore::Problem(const ImagePlan& image, int step, const DeviceEngine& engine) {
   EngineProblem problem;
   problem.depth_range = image.range;
   problem.sources.resize(image.sources.size());
@@ -63,11 +63,7 @@ EngineProblem EngineStore::Problem(const ImagePlan& image, const DeviceEngine& e
     if (!source.frame) throw Interrupted();
     source.image = Image(source.frame, engine);
   }
-  return problem;
-}
-
-EngineProblem EngineStore::Problem(const ImagePlan& image, int step, const DeviceEngine& engine) {
-  EngineProblem problem = Problem(image, engine);
+  if (step < 0) return problem;
   problem.reference.estimate = Estimate({step, image.index}, *problem.reference.frame, engine);
   for (EngineView& source : problem.sources) {
     const int index = static_cast<int>(source.frame->id);

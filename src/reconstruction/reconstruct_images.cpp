@@ -97,7 +97,7 @@ ImageReconstruction DoTasks(ReconstructRun* run) {
       maps.confidence = std::move(final_maps.confidence);
     });
     PointCloud& cloud = clouds[static_cast<size_t>(index)];
-    tasks.AddFusion(image, [&cloud](PointCloud points) { cloud = std::move(points); });
+    tasks.AddFusion(image, {}, [&cloud](PointCloud points) { cloud = std::move(points); });
   }
   tasks.Run();
   run->interrupt.Check();

@@ -91,7 +91,7 @@ ACMP_FUZZ_TARGET(work_file) {
   for (const bool whole : {false, true}) {
     if (whole) WriteWorkFile(path, std::string(content));
     CheckWorkFile(path);
-    ReadPoints(path);
+    ReadWorkFile(path);
     fuzz::MayRefuse([&] { ReadEstimate(path); });
     fuzz::MayRefuse([&] { ReadFinalMaps(path); });
   }

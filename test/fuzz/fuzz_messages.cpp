@@ -9,7 +9,6 @@
 #include <boost/make_shared.hpp>
 #include <type_traits>
 
-#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
