@@ -146,9 +146,8 @@ class TextRecords {
       : what_(what), reader_(path) {}
 
   bool Next() {
-    if (reader_.NextContentLine(&line_)) {
+    if (reader_.NextContentLine()) {
       ++count_;
-      fields_.emplace(reader_, line_);
       return true;
     }
     // COLMAP announces the number in a comment: the only way to see that a file was cut between lines.
@@ -159,31 +158,28 @@ class TextRecords {
   std::string Where() const { return reader_.Where(); }
   template <class T>
   int64_t Integer(const char* name) {
-    return fields_->Integer(name);
+    return reader_.Integer(name);
   }
-  double Real(const char* name) { return fields_->Real(name); }
-  const ColmapCameraModel& CameraModel() { return FindColmapCameraModel(Where(), fields_->Word("camera model")); }
-  std::string ImageName() { return fields_->Rest("image name"); }
+  double Real(const char* name) { return reader_.Real(name); }
+  const ColmapCameraModel& CameraModel() { return FindColmapCameraModel(Where(), reader_.Word("camera model")); }
+  std::string ImageName() { return reader_.Rest("image name"); }
   std::vector<int64_t> PointIds() {
     // Their line may be empty (no features) but must be there.
-    if (!reader_.NextLine(&line_)) reader_.Fail("the line of the image's features is missing: truncated");
-    FieldReader fields(reader_, line_);
+    if (!reader_.NextLine()) reader_.Fail("the line of the image's features is missing: truncated");
     std::vector<int64_t> ids;
-    while (!fields.AtEnd()) {
-      fields.Word("feature x");  // not needed, and nan where COLMAP undistorted a feature to nowhere
-      fields.Word("feature y");
-      ids.push_back(fields.Integer("feature's point id"));
+    while (!reader_.AtEnd()) {
+      reader_.Word("feature x");  // not needed, and nan where COLMAP undistorted a feature to nowhere
+      reader_.Word("feature y");
+      ids.push_back(reader_.Integer("feature's point id"));
     }
     return ids;
   }
-  void EndCamera() { fields_->ExpectEnd(); }
+  void EndCamera() { reader_.ExpectEnd(); }
   void EndPoint() {}
 
  private:
   const char* what_;
   TextReader reader_;
-  std::string line_;
-  std::optional<FieldReader> fields_;
   int64_t count_ = 0;
 };
 
