@@ -132,14 +132,10 @@ class EngineStore {
   /// An image's estimate after a step of its schedule: step, scene index.
   using Key = std::pair<int, int>;
 
-  enum class Place {
-    kFiles,      ///< what devices have no room for; of the host everything, as long as somebody reads it
-    kKeptFiles,  ///< everything, also when nobody reads it any more
-    kMemory,     ///< no files
-  };
-
-  /// All outlive the store. @param output has the work folder
-  EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output, Place place,
+  /// All outlive the store. Files are what devices have no room for and, of the host, everything, as long as somebody
+  /// reads it; with --keep-work and in a stage everything for good.
+  /// @param output has the work folder; empty: there are no files
+  EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output,
               const ReconstructPlan& plan, const Devices& devices);
 
   /// Of the schedule: its estimates are final.
@@ -153,7 +149,7 @@ class EngineStore {
   static std::string StepName(int step, int final_step);
   /// Whether an earlier run has left an estimate. Reads its whole file.
   WorkFileState FindFile(const Key& key) const {
-    return place_ == Place::kMemory ? WorkFileState::kMissing : CheckWorkFile(FileOf(key));
+    return output_.empty() ? WorkFileState::kMissing : CheckWorkFile(FileOf(key));
   }
 
   /// The reference image and source views with frames and images; decodes several files side by side.
@@ -197,15 +193,14 @@ class EngineStore {
   void Forget(const Key& key);
 
   const std::filesystem::path output_;
-  const Place place_;
   const ReconstructPlan& plan_;
   const int levels_;
   const std::vector<KeyframeStep> steps_;
   const int final_step_;
   FrameStore& frames_;
   std::deque<Device> devices_;
+  const bool keeps_files_;      ///< that nobody reads any more
   const bool always_writes_;    ///< the work files
-  const bool removes_files_;    ///< that nobody reads any more
   const bool finals_are_maps_;  ///< in the work files
 
   mutable std::mutex mutex_;                                       ///< of what follows

@@ -132,8 +132,7 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
         "The camera of the images with the distortion that its calibration has left, as --refine-poses found it");
   }
   {
-    const auto place = options.keep_work ? EngineStore::Place::kKeptFiles : EngineStore::Place::kFiles;
-    EngineStore store(&frames, options, folder.path(), place, plan, devices);
+    EngineStore store(&frames, options, folder.path(), plan, devices);
     ReconstructRun run{scene, options, plan, devices, store, interrupt, progress, &folder};
     if (options.online()) RunOnlineSchedule(&run);
     ReportImagesWithoutMap(plan, scene, &progress);

@@ -223,8 +223,7 @@ class StageRunner {
     const std::string device = CheckDevice(folder.WorkFile("device", 0));
     Progress progress(&context_.log, ProgressStyleFor(options_.quiet, context_.log_is_terminal));
     // Everything in files: no process can count on the memory of another.
-    EngineStore store(&planned_->frames, options_, folder.path(), EngineStore::Place::kKeptFiles, planned_->plan,
-                      *devices_);
+    EngineStore store(&planned_->frames, options_, folder.path(), planned_->plan, *devices_);
     ReconstructRun run{planned_->scene, options_, planned_->plan, *devices_, store, interrupt_, progress, &folder};
     if (stage == kFinishStage) {
       const CloudSize cloud = RunAndWriteResults(&run);
