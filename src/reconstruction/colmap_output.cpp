@@ -53,7 +53,7 @@ void WriteColmapMaps(const ReconstructRun& run, int index, const FinalMaps& maps
     StartWriteback(path);
   };
   const auto write_map = [](const auto& path, const auto& map) { WriteColmapMap(path, map); };
-  write(WorkspaceOf(run) / "images" / name, WriteColorImage, run.store.FrameOf(index)->color);
+  write(WorkspaceOf(run) / "images" / name, WriteColorImage, run.frames.Get(index)->color);
   write(DepthFileOf(run, name), write_map, measured_depth);
   write(WorkspaceOf(run) / "stereo/normal_maps" / (name + ".geometric.bin"), write_map, measured_normal);
 }

@@ -133,14 +133,13 @@ class EngineStore {
   using Key = std::pair<int, int>;
 
   /// All outlive the store. Files are what devices have no room for and, of the host, everything, as long as somebody
-  /// reads it; with --keep-work and in a stage everything for good.
+  /// reads it; with --keep-work, and in a stage, as no process can count on the memory of another, everything for good.
   /// @param output has the work folder; empty: there are no files
   EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output,
               const ReconstructPlan& plan, const Devices& devices);
 
   /// Of the schedule: its estimates are final.
   int final_step() const { return final_step_; }
-  FramePtr FrameOf(int index) { return frames_.Get(index); }
   /// Where an estimate is if it is in a file; of the online schedule, the final maps.
   std::filesystem::path FileOf(const Key& key) const {
     return OutputFolder::WorkFile(output_, StepName(key.first, final_step_), key.second);

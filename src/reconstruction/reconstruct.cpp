@@ -132,8 +132,7 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
         "The camera of the images with the distortion that its calibration has left, as --refine-poses found it");
   }
   {
-    EngineStore store(&frames, options, folder.path(), plan, devices);
-    ReconstructRun run{scene, options, plan, devices, store, interrupt, progress, &folder};
+    ReconstructRun run{scene, options, plan, devices, frames, interrupt, progress, &folder};
     if (options.online()) RunOnlineSchedule(&run);
     ReportImagesWithoutMap(plan, scene, &progress);
     const CloudSize cloud = RunAndWriteResults(&run);

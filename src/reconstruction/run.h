@@ -40,10 +40,11 @@ struct ReconstructRun {
   const ReconstructOptions& options;
   ReconstructPlan& plan;
   const Devices& devices;
-  EngineStore& store;
+  FrameStore& frames;
   StopRequest& interrupt;
   Progress& progress;
   const OutputFolder* folder;  ///< null: results stay in memory
+  EngineStore store = {&frames, options, folder ? folder->path() : std::filesystem::path(), plan, devices};
   const PipelineOptions pipeline = MakePipelineOptions(options);
 
   RunTimes times = {};

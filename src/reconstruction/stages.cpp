@@ -222,9 +222,8 @@ class StageRunner {
     if (!devices_) devices_.emplace(context_.make_devices());
     const std::string device = CheckDevice(folder.WorkFile("device", 0));
     Progress progress(&context_.log, ProgressStyleFor(options_.quiet, context_.log_is_terminal));
-    // Everything in files: no process can count on the memory of another.
-    EngineStore store(&planned_->frames, options_, folder.path(), planned_->plan, *devices_);
-    ReconstructRun run{planned_->scene, options_, planned_->plan, *devices_, store, interrupt_, progress, &folder};
+    ReconstructRun run{planned_->scene,  options_,   planned_->plan, *devices_,
+                       planned_->frames, interrupt_, progress,       &folder};
     if (stage == kFinishStage) {
       const CloudSize cloud = RunAndWriteResults(&run);
       const RunRecord record = MakeRecord(options_, device, input);
@@ -235,7 +234,7 @@ class StageRunner {
     for (int index : chosen) {
       if (planned_->plan.HasMap(index)) targets.insert(index);
     }
-    RunStage(&run, std::min(static_cast<int>(place), store.final_step()), targets, stage == kMapsStage);
+    RunStage(&run, std::min(static_cast<int>(place), run.store.final_step()), targets, stage == kMapsStage);
     interrupt_.Check();
     ReportUnusedPriorDepth(run);
   }
