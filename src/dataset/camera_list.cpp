@@ -13,18 +13,18 @@
 namespace acmp {
 namespace {
 
-int ReadSize(FieldReader* fields, const char* name) {
-  const int64_t pixels = fields->Integer(name);
+int ReadSize(TextReader* reader, const char* name) {
+  const int64_t pixels = reader->Integer(name);
   return static_cast<int>(
       std::clamp<int64_t>(pixels, -1, std::numeric_limits<int>::max()));  // CheckCamera refuses those
 }
 
-RigidTransform ReadPose(FieldReader* fields, const TextReader& reader) {
+RigidTransform ReadPose(TextReader* reader) {
   Eigen::Vector4d q;  // w x y z
   Eigen::Vector3d t;
-  for (int i = 0; i < 4; ++i) q[i] = fields->Real("quaternion");
-  for (int i = 0; i < 3; ++i) t[i] = fields->Real("position");
-  if (!(q.norm() > 0)) reader.Fail("quaternion of length 0: must be above");
+  for (int i = 0; i < 4; ++i) q[i] = reader->Real("quaternion");
+  for (int i = 0; i < 3; ++i) t[i] = reader->Real("position");
+  if (!(q.norm() > 0)) reader->Fail("quaternion of length 0: must be above");
   RigidTransform pose = RigidTransform::Identity();
   pose.linear() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
   pose.translation() = t;
@@ -79,22 +79,21 @@ void WriteCalibration(const std::filesystem::path& path, const Lens& lens, const
 std::vector<ListedCamera> ReadCameraList(const std::filesystem::path& path) {
   std::vector<ListedCamera> cameras;
   TextReader reader(path);
-  for (std::string line; reader.NextContentLine(&line);) {
-    FieldReader fields(reader, line);
-    const int64_t index = fields.Integer("image index");
+  while (reader.NextContentLine()) {
+    const int64_t index = reader.Integer("image index");
     if (index < 0 || index > std::numeric_limits<int>::max()) {
       reader.Fail(Concat("image index = ", index, ": must be a whole number from 0 on"));
     }
     ListedCamera listed;
-    listed.image = {static_cast<int>(index), fields.Word("image name")};
+    listed.image = {static_cast<int>(index), reader.Word("image name")};
     PinholeCamera& c = listed.camera;
-    c.fx = fields.Real("fx");
-    c.fy = fields.Real("fy");
-    c.cx = fields.Real("cx");
-    c.cy = fields.Real("cy");
-    c.width = ReadSize(&fields, "width");
-    c.height = ReadSize(&fields, "height");
-    listed.world_from_cam = ReadPose(&fields, reader);
+    c.fx = reader.Real("fx");
+    c.fy = reader.Real("fy");
+    c.cx = reader.Real("cx");
+    c.cy = reader.Real("cy");
+    c.width = ReadSize(&reader, "width");
+    c.height = ReadSize(&reader, "height");
+    listed.world_from_cam = ReadPose(&reader);
     CheckCamera(reader.Where().c_str(), c);
     cameras.push_back(listed);
   }

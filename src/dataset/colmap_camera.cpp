@@ -5,7 +5,7 @@
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
-#include "colmap_model.h"
+#include "scene_readers.h"
 
 namespace acmp {
 namespace {
@@ -80,16 +80,11 @@ const ColmapCameraModel& FindColmapCameraModel(const std::string& where, int id)
   return CheckSupported(where, Concat("id ", id), found);
 }
 
-ColmapCamera MakeColmapCamera(const std::string& where, const ColmapCameraModel& model, uint64_t width, uint64_t height,
+ColmapCamera MakeColmapCamera(const std::string& where, const ColmapCameraModel& model, int64_t width, int64_t height,
                               const std::vector<double>& parameters) {
-  constexpr auto kMaxSize = static_cast<uint64_t>(std::numeric_limits<int>::max());
-  if (width > kMaxSize || height > kMaxSize) {
-    throw InvalidInputError(Concat(where, ": image size ", width, " x ", height, ": must be at most ", kMaxSize));
-  }
-  for (double parameter : parameters) {
-    if (!std::isfinite(parameter))
-      throw InvalidInputError(Concat(where, ": camera parameter ", parameter, ": must be finite"));
-  }
+  constexpr int64_t kMaxSize = std::numeric_limits<int>::max();
+  CheckRange((where + ": image width").c_str(), width, int64_t{1}, kMaxSize);
+  CheckRange((where + ": image height").c_str(), height, int64_t{1}, kMaxSize);
   const std::string name = model.name;
   const auto focal_lengths = static_cast<size_t>(model.focal_lengths);
   ColmapCamera result;
@@ -118,10 +113,6 @@ RigidTransform MakeColmapPose(const std::string& where, const Eigen::Vector4d& q
                               const Eigen::Vector3d& translation) {
   constexpr double kMaxNormError = 1e-3;
   const auto& q = quaternion_wxyz;
-  if (!q.allFinite() || !translation.allFinite()) {
-    throw InvalidInputError(
-        Concat(where, ": pose (", q.transpose(), ") (", translation.transpose(), "): must be finite"));
-  }
   if (!(std::abs(q.norm() - 1) <= kMaxNormError)) {
     throw InvalidInputError(Concat(where, ": quaternion (", q.transpose(), ") has length ", q.norm(),
                                    ": must be 1 within ", kMaxNormError));

@@ -1,10 +1,10 @@
-#include "colmap_model.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "acmp_mapping/common/error.h"
 #include "input_file.h"
-#include "scene_private.h"
+#include "scene_readers.h"
 
 namespace acmp {
 namespace {
@@ -38,9 +38,6 @@ void ColmapModelBuilder::AddCamera(const std::string& where, int64_t id, ColmapC
 }
 
 void ColmapModelBuilder::AddPoint(const std::string& where, int64_t id, const Eigen::Vector3d& point_in_world) {
-  if (!point_in_world.allFinite()) {
-    throw InvalidInputError(Concat(where, ": point ", id, " at (", point_in_world.transpose(), "): must be finite"));
-  }
   if (!point_index_.emplace(id, static_cast<int>(model_.landmarks_in_world.size())).second) {
     throw InvalidInputError(Concat(where, ": point id ", id, " occurs twice"));
   }
@@ -81,180 +78,167 @@ ColmapModel ColmapModelBuilder::Finish(const std::filesystem::path& folder) {
   return std::move(model_);
 }
 
-// Binary files.
+// One reader for each of the model's files, whichever kind it is: it asks BinaryRecords or TextRecords for what a
+// record has, one value after the other.
 
-constexpr size_t kMaxNameLength = 4096;
+/// Records of a binary file.
+class BinaryRecords {
+ public:
+  static constexpr const char* kExtension = ".bin";
 
-std::string Where(const std::filesystem::path& path, const char* what, uint64_t id) {
-  return Concat(path.string(), ": ", what, " ", id);
-}
+  /// @param what the records are, for messages
+  /// @param min_bytes of a record
+  BinaryRecords(const std::filesystem::path& path, const char* what, uint64_t min_bytes)
+      : file_(path), left_(file_.ReadCount(min_bytes, Concat("number of ", what).c_str())) {}
 
-void ReadBinaryCameras(const std::filesystem::path& path, ColmapModelBuilder* builder) {
-  constexpr uint64_t kMinBytes = 4 + 4 + 8 + 8 + 3 * 8;
-  BinaryReader file(path);
-  const uint64_t count = file.ReadCount(kMinBytes, "number of cameras");
-  for (uint64_t i = 0; i < count; ++i) {
-    const auto id = file.Read<uint32_t>("camera id");
-    const std::string where = Where(path, "camera", id);
-    const auto model_id = file.Read<int32_t>("camera model");
-    const ColmapCameraModel& model = FindColmapCameraModel(where, model_id);
-    const auto width = file.Read<uint64_t>("image width");
-    const auto height = file.Read<uint64_t>("image height");
-    std::vector<double> parameters(model.parameters);
-    for (double& parameter : parameters) parameter = file.Read<double>("camera parameter");
-    builder->AddCamera(where, id, MakeColmapCamera(where, model, width, height, parameters));
+  /// Begins the next record. False: there was no more, and nothing is behind the last one.
+  bool Next() {
+    if (left_ == 0) file_.ExpectEnd();
+    return left_-- > 0;
   }
-  file.ExpectEnd();
+  std::string Where() const { return file_.Where(); }
+  template <class T>
+  int64_t Integer(const char* name) {
+    return static_cast<int64_t>(file_.Read<T>(name));
+  }
+  double Real(const char* name) {
+    const auto value = file_.Read<double>(name);
+    if (!std::isfinite(value)) file_.Fail(Concat(name, " = ", value, ": must be finite"));
+    return value;
+  }
+  const ColmapCameraModel& CameraModel() {
+    const auto id = file_.Read<int32_t>("camera model");
+    return FindColmapCameraModel(Where(), id);
+  }
+  std::string ImageName() {
+    constexpr size_t kMaxLength = 4096;
+    return file_.ReadUntil('\0', kMaxLength, "image name");
+  }
+  /// Of each feature of an image: -1 for one without a point.
+  std::vector<int64_t> PointIds() {
+    constexpr uint64_t kCoordinates = 8 + 8, kId = 8;
+    std::vector<int64_t> ids(file_.ReadCount(kCoordinates + kId, "number of features"));
+    for (int64_t& id : ids) {
+      file_.Skip(kCoordinates, "feature");
+      id = Integer<uint64_t>("feature's point id");  // all bits set: none
+    }
+    return ids;
+  }
+  void EndCamera() {}
+  /// Passes over colour, error and track.
+  void EndPoint() {
+    constexpr uint64_t kColorAndError = 3 + 8, kTrackElement = 4 + 4;
+    file_.Skip(kColorAndError, "point");
+    file_.Skip(file_.ReadCount(kTrackElement, "track length") * kTrackElement, "track");
+  }
+
+ private:
+  BinaryReader file_;
+  uint64_t left_;
+};
+
+/// Records of a text file, each a line.
+class TextRecords {
+ public:
+  static constexpr const char* kExtension = ".txt";
+
+  TextRecords(const std::filesystem::path& path, const char* what, uint64_t /*min_bytes*/)
+      : what_(what), reader_(path) {}
+
+  bool Next() {
+    if (reader_.NextContentLine()) {
+      ++count_;
+      return true;
+    }
+    // COLMAP announces the number in a comment: the only way to see that a file was cut between lines.
+    if (reader_.announced_count() <= count_) return false;
+    reader_.Fail(Concat("the file ends after ", count_, " ", what_, " but its header announces ",
+                        reader_.announced_count(), ": truncated"));
+  }
+  std::string Where() const { return reader_.Where(); }
+  template <class T>
+  int64_t Integer(const char* name) {
+    return reader_.Integer(name);
+  }
+  double Real(const char* name) { return reader_.Real(name); }
+  const ColmapCameraModel& CameraModel() { return FindColmapCameraModel(Where(), reader_.Word("camera model")); }
+  std::string ImageName() { return reader_.Rest("image name"); }
+  std::vector<int64_t> PointIds() {
+    // Their line may be empty (no features) but must be there.
+    if (!reader_.NextLine()) reader_.Fail("the line of the image's features is missing: truncated");
+    std::vector<int64_t> ids;
+    while (!reader_.AtEnd()) {
+      reader_.Word("feature x");  // not needed, and nan where COLMAP undistorted a feature to nowhere
+      reader_.Word("feature y");
+      ids.push_back(reader_.Integer("feature's point id"));
+    }
+    return ids;
+  }
+  void EndCamera() { reader_.ExpectEnd(); }
+  void EndPoint() {}
+
+ private:
+  const char* what_;
+  TextReader reader_;
+  int64_t count_ = 0;
+};
+
+template <class Records>
+void ReadCameras(const std::filesystem::path& folder, ColmapModelBuilder* builder) {
+  constexpr uint64_t kMinBytes = 4 + 4 + 8 + 8 + 2 * 8;
+  Records records(folder / Concat("cameras", Records::kExtension), "cameras", kMinBytes);
+  while (records.Next()) {
+    const int64_t id = records.template Integer<uint32_t>("camera id");
+    const ColmapCameraModel& model = records.CameraModel();
+    const int64_t width = records.template Integer<uint64_t>("image width");
+    const int64_t height = records.template Integer<uint64_t>("image height");
+    std::vector<double> parameters(static_cast<size_t>(model.parameters));
+    for (double& parameter : parameters) parameter = records.Real("camera parameter");
+    records.EndCamera();
+    builder->AddCamera(records.Where(), id, MakeColmapCamera(records.Where(), model, width, height, parameters));
+  }
 }
 
-void ReadBinaryPoints(const std::filesystem::path& path, ColmapModelBuilder* builder) {
+template <class Records>
+void ReadPoints(const std::filesystem::path& folder, ColmapModelBuilder* builder) {
   constexpr uint64_t kMinBytes = 8 + 3 * 8 + 3 + 8 + 8;
-  constexpr uint64_t kColorAndErrorBytes = 3 + 8;
-  constexpr uint64_t kTrackElementBytes = 4 + 4;
-  BinaryReader file(path);
-  const uint64_t count = file.ReadCount(kMinBytes, "number of points");
-  for (uint64_t i = 0; i < count; ++i) {
-    const auto id = file.Read<uint64_t>("point id");
+  Records records(folder / Concat("points3D", Records::kExtension), "points", kMinBytes);
+  while (records.Next()) {
+    const int64_t id = records.template Integer<uint64_t>("point id");
     Eigen::Vector3d point;
-    for (int k = 0; k < 3; ++k) point[k] = file.Read<double>("point");
-    file.Skip(kColorAndErrorBytes, "point");
-    file.Skip(file.ReadCount(kTrackElementBytes, "track length") * kTrackElementBytes, "track");
-    builder->AddPoint(Where(path, "point", id), static_cast<int64_t>(id), point);
+    for (double& coordinate : point) coordinate = records.Real("point");
+    records.EndPoint();
+    builder->AddPoint(records.Where(), id, point);
   }
-  file.ExpectEnd();
 }
 
-std::vector<int64_t> ReadFeatures(BinaryReader* file) {
-  constexpr uint64_t kFeatureBytes = 8 + 8 + 8;
-  const uint64_t count = file->ReadCount(kFeatureBytes, "number of features");
-  std::vector<int64_t> point_ids(count);
-  for (int64_t& id : point_ids) {
-    file->Read<double>("feature x");
-    file->Read<double>("feature y");
-    id = static_cast<int64_t>(file->Read<uint64_t>("feature's point id"));  // all bits set: none
-  }
-  return point_ids;
-}
-
-void ReadBinaryImages(const std::filesystem::path& path, ColmapModelBuilder* builder) {
+template <class Records>
+void ReadImages(const std::filesystem::path& folder, ColmapModelBuilder* builder) {
   constexpr uint64_t kMinBytes = 4 + 7 * 8 + 4 + 1 + 8;
-  BinaryReader file(path);
-  const uint64_t count = file.ReadCount(kMinBytes, "number of images");
-  for (uint64_t i = 0; i < count; ++i) {
+  Records records(folder / Concat("images", Records::kExtension), "images", kMinBytes);
+  while (records.Next()) {
     ColmapImage image;
-    image.id = file.Read<uint32_t>("image id");
-    const std::string where = Where(path, "image", static_cast<uint64_t>(image.id));
+    image.id = records.template Integer<uint32_t>("image id");
+    const std::string where = records.Where();
     Eigen::Vector4d quaternion;
-    for (int k = 0; k < 4; ++k) quaternion[k] = file.Read<double>("quaternion");
     Eigen::Vector3d translation;
-    for (int k = 0; k < 3; ++k) translation[k] = file.Read<double>("translation");
-    image.camera_id = file.Read<uint32_t>("camera id");
-    image.name = file.ReadString(kMaxNameLength, "image name");
+    for (double& number : quaternion) number = records.Real("quaternion");
+    for (double& number : translation) number = records.Real("translation");
+    image.camera_id = records.template Integer<uint32_t>("camera id");
+    image.name = records.ImageName();
     image.cam_from_world = MakeColmapPose(where, quaternion, translation);
-    const std::vector<int64_t> point_ids = ReadFeatures(&file);
+    const std::vector<int64_t> point_ids = records.PointIds();
     builder->AddImage(where, std::move(image), point_ids);
   }
-  file.ExpectEnd();
 }
 
-void ReadColmapBinary(const std::filesystem::path& folder, ColmapModelBuilder* builder) {
-  ReadBinaryCameras(folder / "cameras.bin", builder);
-  ReadBinaryPoints(folder / "points3D.bin", builder);
-  ReadBinaryImages(folder / "images.bin", builder);
-}
-
-// Text files.
-
-// COLMAP announces the number of records in a comment: the only way to see that a text file was cut between lines.
-void CheckCount(const TextReader& reader, int64_t count, const char* what) {
-  if (reader.announced_count() > count) {
-    reader.Fail(Concat("the file ends after ", count, " ", what, " but its header announces ", reader.announced_count(),
-                       ": truncated"));
-  }
-}
-
-uint64_t ReadSize(const TextReader& reader, FieldReader* fields, const char* name) {
-  const int64_t size = fields->Integer(name);
-  if (size <= 0) reader.Fail(Concat(name, " = ", size, ": must be positive"));
-  return static_cast<uint64_t>(size);
-}
-
-void ReadTextCameras(const std::filesystem::path& path, ColmapModelBuilder* builder) {
-  TextReader reader(path);
-  int64_t count = 0;
-  for (std::string line; reader.NextContentLine(&line); ++count) {
-    FieldReader fields(reader, line);
-    const int64_t id = fields.Integer("camera id");
-    const std::string where = reader.Where();
-    const std::string name = fields.Word("camera model");
-    const ColmapCameraModel& model = FindColmapCameraModel(where, name);
-    const uint64_t width = ReadSize(reader, &fields, "image width");
-    const uint64_t height = ReadSize(reader, &fields, "image height");
-    std::vector<double> parameters(model.parameters);
-    for (double& parameter : parameters) parameter = fields.Real("camera parameter");
-    fields.ExpectEnd();
-    builder->AddCamera(where, id, MakeColmapCamera(where, model, width, height, parameters));
-  }
-  CheckCount(reader, count, "cameras");
-}
-
-void ReadTextPoints(const std::filesystem::path& path, ColmapModelBuilder* builder) {
-  TextReader reader(path);
-  int64_t count = 0;
-  for (std::string line; reader.NextContentLine(&line); ++count) {
-    FieldReader fields(reader, line);
-    const int64_t id = fields.Integer("point id");
-    const double x = fields.Real("point x");
-    const double y = fields.Real("point y");
-    const double z = fields.Real("point z");
-    builder->AddPoint(reader.Where(), id, {x, y, z});  // colour, error and track are not needed
-  }
-  CheckCount(reader, count, "points");
-}
-
-ColmapImage ReadImageLine(const TextReader& reader, const std::string& line) {
-  FieldReader fields(reader, line);
-  ColmapImage image;
-  image.id = fields.Integer("image id");
-  Eigen::Vector4d quaternion;
-  for (int i = 0; i < 4; ++i) quaternion[i] = fields.Real("quaternion");
-  Eigen::Vector3d translation;
-  for (int i = 0; i < 3; ++i) translation[i] = fields.Real("translation");
-  image.camera_id = fields.Integer("camera id");
-  image.name = fields.Rest("image name");
-  image.cam_from_world = MakeColmapPose(reader.Where(), quaternion, translation);
-  return image;
-}
-
-std::vector<int64_t> ReadFeatureLine(const TextReader& reader, const std::string& line) {
-  FieldReader fields(reader, line);
-  std::vector<int64_t> point_ids;
-  while (!fields.AtEnd()) {
-    fields.Word("feature x");  // not needed, and nan where COLMAP undistorted a feature to nowhere
-    fields.Word("feature y");
-    point_ids.push_back(fields.Integer("feature's point id"));
-  }
-  return point_ids;
-}
-
-void ReadTextImages(const std::filesystem::path& path, ColmapModelBuilder* builder) {
-  TextReader reader(path);
-  int64_t count = 0;
-  for (std::string line; reader.NextContentLine(&line); ++count) {
-    ColmapImage image = ReadImageLine(reader, line);
-    const std::string where = reader.Where();
-    // The second line may be empty (no features) but must be there.
-    if (!reader.NextLine(&line))
-      reader.Fail(Concat("the line of features of image ", image.name, " is missing: truncated"));
-    builder->AddImage(where, std::move(image), ReadFeatureLine(reader, line));
-  }
-  CheckCount(reader, count, "images");
-}
-
-void ReadColmapText(const std::filesystem::path& folder, ColmapModelBuilder* builder) {
-  ReadTextCameras(folder / "cameras.txt", builder);
-  ReadTextPoints(folder / "points3D.txt", builder);
-  ReadTextImages(folder / "images.txt", builder);
+template <class Records>
+ColmapModel ReadModel(const std::filesystem::path& folder) {
+  ColmapModelBuilder builder;
+  ReadCameras<Records>(folder, &builder);
+  ReadPoints<Records>(folder, &builder);
+  ReadImages<Records>(folder, &builder);
+  return builder.Finish(folder);
 }
 
 }  // namespace
@@ -267,13 +251,7 @@ std::optional<std::filesystem::path> FindColmapModel(const std::filesystem::path
 }
 
 ColmapModel ReadColmapModel(const std::filesystem::path& folder) {
-  ColmapModelBuilder builder;
-  if (HasModel(folder, ".bin")) {
-    ReadColmapBinary(folder, &builder);
-  } else {
-    ReadColmapText(folder, &builder);
-  }
-  return builder.Finish(folder);
+  return HasModel(folder, ".bin") ? ReadModel<BinaryRecords>(folder) : ReadModel<TextRecords>(folder);
 }
 
 Scene ReadColmapScene(const std::filesystem::path& root, const std::filesystem::path& model_folder,

@@ -43,7 +43,7 @@ ImageSize EncodedImageSize(const std::string& name, std::string_view content) {
 }
 
 ImageSize ReadImageSize(const std::filesystem::path& path) {
-  return EncodedImageSize(path.string(), ReadFileStart(path, kHeaderBytes));
+  return EncodedImageSize(path.string(), ReadInput(path, kHeaderBytes));
 }
 
 ColorImage DecodeColorImage(const std::string& name, std::string_view content) {
@@ -51,11 +51,11 @@ ColorImage DecodeColorImage(const std::string& name, std::string_view content) {
 }
 
 ColorImage ReadColorImage(const std::filesystem::path& path) {
-  return DecodeColorImage(path.string(), ReadWholeFile(path));
+  return DecodeColorImage(path.string(), ReadInput(path));
 }
 
 ColorImage ReadColorImage(const std::filesystem::path& path, const ImageSize& of_camera) {
-  const std::string content = ReadWholeFile(path);
+  const std::string content = ReadInput(path);
   const ImageSize size = EncodedImageSize(path.string(), content);
   if (size.width != of_camera.width || size.height != of_camera.height) {
     throw InvalidInputError(Concat(path.string(), ": image size ", size.width, " x ", size.height,

@@ -2,13 +2,12 @@
 
 #include "acmp_mapping/common/classic_locale.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <charconv>
-#include <clocale>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
-#include <iterator>
 
 namespace acmp {
 namespace {
@@ -62,87 +61,78 @@ std::ifstream OpenInput(const std::filesystem::path& path) {
   return stream;
 }
 
-std::string ReadWholeFile(const std::filesystem::path& path) {
+std::string ReadInput(const std::filesystem::path& path, size_t max_bytes) {
   std::ifstream stream = OpenInput(path);
-  std::string content{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-  if (stream.bad()) throw InvalidInputError(Concat("cannot read ", path.string(), ": read error"));
-  return content;
-}
-
-std::string ReadFileStart(const std::filesystem::path& path, size_t max_bytes) {
-  std::ifstream stream = OpenInput(path);
-  std::string content(max_bytes, '\0');
-  stream.read(content.data(), static_cast<std::streamsize>(max_bytes));
+  std::error_code ignored;  // then nothing can be read either
+  std::string content(std::min<uintmax_t>(std::filesystem::file_size(path, ignored), max_bytes), '\0');
+  stream.read(content.data(), static_cast<std::streamsize>(content.size()));
   if (stream.bad()) throw InvalidInputError(Concat("cannot read ", path.string(), ": read error"));
   content.resize(static_cast<size_t>(stream.gcount()));
   return content;
 }
 
-bool TextReader::NextLine(std::string* line) {
-  if (!std::getline(stream_, *line)) return false;
+bool TextReader::NextLine() {
+  if (!std::getline(stream_, line_)) return false;
   ++line_number_;
-  if (!line->empty() && line->back() == '\r') line->pop_back();
+  if (!line_.empty() && line_.back() == '\r') line_.pop_back();
+  at_ = 0;
+  SkipSpace();
   return true;
 }
 
-bool TextReader::NextContentLine(std::string* line) {
-  while (NextLine(line)) {
-    const size_t start = line->find_first_not_of(kSpace);
-    if (start == std::string::npos) continue;
-    if ((*line)[start] != '#') return true;
-    NoteAnnouncedCount(*line);
+bool TextReader::NextContentLine() {
+  while (NextLine()) {
+    if (AtEnd()) continue;
+    if (line_[at_] != '#') return true;
+    NoteAnnouncedCount();
   }
   return false;
 }
 
-void TextReader::NoteAnnouncedCount(const std::string& comment) {
-  const size_t number = comment.find("Number of ");
-  const size_t colon = comment.find(':', number == std::string::npos ? 0 : number);
+void TextReader::NoteAnnouncedCount() {
+  const size_t number = line_.find("Number of ");
+  const size_t colon = line_.find(':', number == std::string::npos ? 0 : number);
   if (number == std::string::npos || colon == std::string::npos) return;
-  const size_t first = comment.find_first_of("0123456789", colon);
+  const size_t first = line_.find_first_of("0123456789", colon);
   if (first == std::string::npos) return;
-  std::from_chars(comment.data() + first, comment.data() + comment.size(), announced_count_);
+  std::from_chars(line_.data() + first, line_.data() + line_.size(), announced_count_);
 }
 
-void FieldReader::SkipSpace() {
-  const size_t start = rest_.find_first_not_of(kSpace);
-  rest_.remove_prefix(start == std::string_view::npos ? rest_.size() : start);
-}
+void TextReader::SkipSpace() { at_ = std::min(line_.find_first_not_of(kSpace, at_), line_.size()); }
 
-std::string_view FieldReader::NextWord(const char* name) {
-  if (rest_.empty()) reader_.Fail(Concat(name, " is missing: the line ends before it"));
-  const std::string_view word = rest_.substr(0, rest_.find_first_of(kSpace));
-  rest_.remove_prefix(word.size());
+std::string_view TextReader::NextWord(const char* name) {
+  if (AtEnd()) Fail(Concat(name, " is missing: the line ends before it"));
+  const std::string_view rest = std::string_view(line_).substr(at_);
+  const std::string_view word = rest.substr(0, rest.find_first_of(kSpace));
+  at_ += word.size();
   SkipSpace();
   return word;
 }
 
-std::string FieldReader::Word(const char* name) { return std::string(NextWord(name)); }
-
-double FieldReader::Real(const char* name) {
+double TextReader::Real(const char* name) {
   const std::string_view word = NextWord(name);
   double value = 0;
-  if (!ParseWhole(word, &value)) reader_.Fail(Concat(name, " = \"", word, "\": must be a number"));
-  if (!std::isfinite(value)) reader_.Fail(Concat(name, " = ", word, ": must be finite"));
+  if (!ParseWhole(word, &value)) Fail(Concat(name, " = \"", word, "\": must be a number"));
+  if (!std::isfinite(value)) Fail(Concat(name, " = ", word, ": must be finite"));
   return value;
 }
 
-int64_t FieldReader::Integer(const char* name) {
+int64_t TextReader::Integer(const char* name) {
   const std::string_view word = NextWord(name);
   int64_t value = 0;
-  if (!ParseWhole(word, &value)) reader_.Fail(Concat(name, " = \"", word, "\": must be a whole number"));
+  if (!ParseWhole(word, &value)) Fail(Concat(name, " = \"", word, "\": must be a whole number"));
   return value;
 }
 
-std::string FieldReader::Rest(const char* name) {
-  if (rest_.empty()) reader_.Fail(Concat(name, " is missing: the line ends before it"));
-  const std::string_view rest = rest_.substr(0, rest_.find_last_not_of(kSpace) + 1);
-  rest_ = {};
-  return std::string(rest);
+std::string TextReader::Rest(const char* name) {
+  if (AtEnd()) Fail(Concat(name, " is missing: the line ends before it"));
+  std::string rest = line_.substr(at_, line_.find_last_not_of(kSpace) + 1 - at_);
+  at_ = line_.size();
+  return rest;
 }
 
-void FieldReader::ExpectEnd() const {
-  if (!AtEnd()) reader_.Fail(Concat("unexpected \"", rest_.substr(0, 40), "\" at the end of the line"));
+void TextReader::ExpectEnd() const {
+  if (!AtEnd()) Fail(Concat("unexpected \"", line_.substr(at_, 40), "\" at the end of the line"));
 }
 
 BinaryReader::BinaryReader(const std::filesystem::path& path) : path_(path), stream_(OpenInput(path)) {
@@ -165,9 +155,9 @@ void BinaryReader::Skip(uint64_t bytes, const char* what) {
   position_ += bytes;
 }
 
-std::string BinaryReader::ReadString(size_t max_length, const char* what) {
+std::string BinaryReader::ReadUntil(char end, size_t max_length, const char* what) {
   std::string text;
-  for (char c = Read<char>(what); c != '\0'; c = Read<char>(what)) {
+  for (char c = Read<char>(what); c != end; c = Read<char>(what)) {
     if (text.size() == max_length) Fail(Concat(what, " is longer than ", max_length, " characters"));
     text.push_back(c);
   }
@@ -175,11 +165,7 @@ std::string BinaryReader::ReadString(size_t max_length, const char* what) {
 }
 
 std::string BinaryReader::ReadLine(size_t max_length, const char* what) {
-  std::string text;
-  for (char c = Read<char>(what); c != '\n'; c = Read<char>(what)) {
-    if (text.size() == max_length) Fail(Concat(what, " is longer than ", max_length, " characters"));
-    text.push_back(c);
-  }
+  std::string text = ReadUntil('\n', max_length, what);
   if (!text.empty() && text.back() == '\r') text.pop_back();
   return text;
 }
@@ -199,10 +185,6 @@ void BinaryReader::ExpectRemaining(uint64_t count, uint64_t bytes_each, const ch
 
 void BinaryReader::ExpectEnd() const {
   if (remaining() > 0) Fail(Concat(remaining(), " bytes too many; the file is corrupt"));
-}
-
-void BinaryReader::Fail(const std::string& message) const {
-  throw InvalidInputError(Concat(path_.string(), " at byte ", position_, ": ", message));
 }
 
 }  // namespace acmp

@@ -14,21 +14,27 @@ namespace acmp {
 /// Opens a regular file for reading; InvalidInputError with the system's reason when it is missing or unreadable.
 std::ifstream OpenInput(const std::filesystem::path& path);
 
-/// The whole content of a file.
-std::string ReadWholeFile(const std::filesystem::path& path);
-
 /// The first `max_bytes` of a file, or all of a shorter one.
-std::string ReadFileStart(const std::filesystem::path& path, size_t max_bytes);
+std::string ReadInput(const std::filesystem::path& path, size_t max_bytes = std::string::npos);
 
-/// Reads a text file line by line and knows where it is, for messages "FILE:LINE: ...".
+/// Reads a text file line by line, takes lines apart at white space, and knows where it is, for messages "FILE:LINE:
+/// ...". Every getter names the field in its message.
 class TextReader {
  public:
   explicit TextReader(const std::filesystem::path& path) : path_(path), stream_(OpenInput(path)) {}
 
   /// False at the end of the file. A carriage return at the end of a line is dropped.
-  bool NextLine(std::string* line);
+  bool NextLine();
   /// The next line that is neither blank nor a comment (#).
-  bool NextContentLine(std::string* line);
+  bool NextContentLine();
+
+  bool AtEnd() const { return at_ == line_.size(); }  ///< of the line
+  std::string Word(const char* name) { return std::string(NextWord(name)); }
+  double Real(const char* name);  ///< finite
+  int64_t Integer(const char* name);
+  /// Everything that is left of the line, without white space at its end.
+  std::string Rest(const char* name);
+  void ExpectEnd() const;
 
   std::string Where() const { return Concat(path_.string(), ":", line_number_); }
   [[noreturn]] void Fail(const std::string& message) const { throw InvalidInputError(Concat(Where(), ": ", message)); }
@@ -37,33 +43,16 @@ class TextReader {
   int64_t announced_count() const { return announced_count_; }
 
  private:
-  void NoteAnnouncedCount(const std::string& comment);
-
-  std::filesystem::path path_;
-  std::ifstream stream_;
-  int64_t line_number_ = 0;
-  int64_t announced_count_ = -1;
-};
-
-/// Takes one line apart at white space. Every getter names the field in its message.
-class FieldReader {
- public:
-  FieldReader(const TextReader& reader, std::string_view line) : reader_(reader), rest_(line) { SkipSpace(); }
-
-  bool AtEnd() const { return rest_.empty(); }
-  std::string Word(const char* name);
-  double Real(const char* name);  ///< finite
-  int64_t Integer(const char* name);
-  /// Everything that is left, without white space at its end.
-  std::string Rest(const char* name);
-  void ExpectEnd() const;
-
- private:
+  void NoteAnnouncedCount();
   void SkipSpace();
   std::string_view NextWord(const char* name);
 
-  const TextReader& reader_;
-  std::string_view rest_;
+  std::filesystem::path path_;
+  std::ifstream stream_;
+  std::string line_;
+  size_t at_ = 0;  ///< of the next word in the line, or its end
+  int64_t line_number_ = 0;
+  int64_t announced_count_ = -1;
 };
 
 /// Reads a little-endian binary file and never past its end.
@@ -80,9 +69,9 @@ class BinaryReader {
   }
   void ReadBytes(void* target, uint64_t bytes, const char* what);
   void Skip(uint64_t bytes, const char* what);
-  /// A zero-terminated string of at most `max_length` characters.
-  std::string ReadString(size_t max_length, const char* what);
-  /// A line without its newline character, at most `max_length` characters.
+  /// Up to this character, at most `max_length` before it, which is left out.
+  std::string ReadUntil(char end, size_t max_length, const char* what);
+  /// Up to the line's end, and without a carriage return there.
   std::string ReadLine(size_t max_length, const char* what);
   /// Reads a 64-bit count of records that take at least `bytes_each`, so that a corrupt count is found before memory is
   /// asked for.
@@ -91,7 +80,8 @@ class BinaryReader {
   void ExpectEnd() const;
 
   uint64_t remaining() const { return size_ - position_; }
-  [[noreturn]] void Fail(const std::string& message) const;
+  std::string Where() const { return Concat(path_.string(), " at byte ", position_); }
+  [[noreturn]] void Fail(const std::string& message) const { throw InvalidInputError(Concat(Where(), ": ", message)); }
 
  private:
   std::filesystem::path path_;

@@ -7,10 +7,9 @@
 #include <unordered_map>
 
 #include "acmp_mapping/common/error.h"
-#include "colmap_model.h"
 #include "image_codec_private.h"
 #include "input_file.h"
-#include "scene_private.h"
+#include "scene_readers.h"
 
 namespace acmp {
 namespace {
@@ -42,15 +41,13 @@ std::filesystem::path FindImage(const std::filesystem::path& folder, int index) 
                                  " nor ", Numbered("%06d", index), " with extension .jpg, .jpeg or .png"));
 }
 
-void ExpectLine(TextReader* reader, std::string* line, const char* what) {
-  if (!reader->NextContentLine(line)) reader->Fail(Concat("the file ends before ", what, ": truncated"));
+void ExpectLine(TextReader* reader, const char* what) {
+  if (!reader->NextContentLine()) reader->Fail(Concat("the file ends before ", what, ": truncated"));
 }
 
 void ExpectKeyword(TextReader* reader, const char* keyword) {
-  std::string line;
-  ExpectLine(reader, &line, keyword);
-  FieldReader fields(*reader, line);
-  const std::string word = fields.Word(keyword);
+  ExpectLine(reader, keyword);
+  const std::string word = reader->Word(keyword);
   if (word != keyword) reader->Fail(Concat("\"", word, "\": must be \"", keyword, "\""));
 }
 
@@ -58,11 +55,9 @@ template <int kRows, int kCols>
 Eigen::Matrix<double, kRows, kCols> ReadMatrix(TextReader* reader, const char* name) {
   Eigen::Matrix<double, kRows, kCols> matrix;
   for (int row = 0; row < kRows; ++row) {
-    std::string line;
-    ExpectLine(reader, &line, name);
-    FieldReader fields(*reader, line);
-    for (int col = 0; col < kCols; ++col) matrix(row, col) = fields.Real(name);
-    fields.ExpectEnd();
+    ExpectLine(reader, name);
+    for (int col = 0; col < kCols; ++col) matrix(row, col) = reader->Real(name);
+    reader->ExpectEnd();
   }
   return matrix;
 }
@@ -98,16 +93,14 @@ PinholeCamera ReadIntrinsic(TextReader* reader, const ImageSize& size, PixelCent
 
 // The last line: depth_min interval [num [depth_max]]. Two numbers name no far end, so the scene gives no range then.
 std::optional<DepthRange> ReadDepthLine(TextReader* reader) {
-  std::string line;
-  ExpectLine(reader, &line, "the depth line");
-  FieldReader fields(*reader, line);
+  ExpectLine(reader, "the depth line");
   DepthRange range;
-  range.min = static_cast<float>(fields.Real("depth_min"));
-  const double interval = fields.Real("depth interval");
-  if (fields.AtEnd()) return std::nullopt;
-  const double planes = fields.Real("number of depths");
-  range.max = fields.AtEnd() ? static_cast<float>(range.min + interval * (planes - 1))
-                             : static_cast<float>(fields.Real("depth_max"));
+  range.min = static_cast<float>(reader->Real("depth_min"));
+  const double interval = reader->Real("depth interval");
+  if (reader->AtEnd()) return std::nullopt;
+  const double planes = reader->Real("number of depths");
+  range.max = reader->AtEnd() ? static_cast<float>(range.min + interval * (planes - 1))
+                              : static_cast<float>(reader->Real("depth_max"));
   CheckDepthRange(Concat(reader->Where(), ": depth range").c_str(), range);
   return range;
 }
@@ -124,44 +117,40 @@ SceneImage ReadImage(const std::filesystem::path& root, const std::filesystem::p
   return image;
 }
 
-std::vector<int> ReadRankedSources(const TextReader& reader, const std::string& line, int64_t index, int64_t count) {
-  FieldReader fields(reader, line);
-  const int64_t sources = fields.Integer("number of source views");
+std::vector<int> ReadRankedSources(TextReader* reader, int64_t index, int64_t count) {
+  ExpectLine(reader, "the source views");
+  const int64_t sources = reader->Integer("number of source views");
   std::vector<int> ranked;
   for (int64_t i = 0; i < sources; ++i) {
-    const int64_t source = fields.Integer("source view");
-    fields.Real("source view's score");
+    const int64_t source = reader->Integer("source view");
+    reader->Real("source view's score");
     if (source < 0 || source >= count || source == index) {
-      reader.Fail(Concat("source view ", source, " of image ", index, ": must be another image, 0 to ", count - 1));
+      reader->Fail(Concat("source view ", source, " of image ", index, ": must be another image, 0 to ", count - 1));
     }
     ranked.push_back(static_cast<int>(source));
   }
-  fields.ExpectEnd();
+  reader->ExpectEnd();
   return ranked;
 }
 
 std::vector<std::vector<int>> ReadPairs(const std::filesystem::path& path) {
   constexpr int64_t kMaxImages = 1000000;
   TextReader reader(path);
-  std::string line;
-  ExpectLine(&reader, &line, "the number of images");
-  FieldReader header(reader, line);
-  const int64_t count = header.Integer("number of images");
-  header.ExpectEnd();
+  ExpectLine(&reader, "the number of images");
+  const int64_t count = reader.Integer("number of images");
+  reader.ExpectEnd();
   if (count < 1 || count > kMaxImages) {
     reader.Fail(Concat("number of images = ", count, ": must be in [1, ", kMaxImages, "]"));
   }
   std::vector<std::vector<int>> pairs(count);
   std::vector<bool> seen(count, false);
   for (int64_t i = 0; i < count; ++i) {
-    ExpectLine(&reader, &line, "the last image");
-    FieldReader fields(reader, line);
-    const int64_t index = fields.Integer("image index");
+    ExpectLine(&reader, "the last image");
+    const int64_t index = reader.Integer("image index");
     if (index < 0 || index >= count) reader.Fail(Concat("image index ", index, ": must be in [0, ", count - 1, "]"));
     if (seen[index]) reader.Fail(Concat("image index ", index, " occurs twice"));
     seen[index] = true;
-    ExpectLine(&reader, &line, "the source views");
-    pairs[index] = ReadRankedSources(reader, line, index, count);
+    pairs[index] = ReadRankedSources(&reader, index, count);
   }
   return pairs;
 }

@@ -159,7 +159,7 @@ Image<uint16_t> DecodePng16(const std::string& name, std::string_view content) {
   return Decode<uint16_t>(name, content, header.size, [](png_structp png) { png_set_swap(png); });  // big endian
 }
 
-Image<uint16_t> ReadPng16(const std::filesystem::path& path) { return DecodePng16(path.string(), ReadWholeFile(path)); }
+Image<uint16_t> ReadPng16(const std::filesystem::path& path) { return DecodePng16(path.string(), ReadInput(path)); }
 
 void WritePng(const std::filesystem::path& path, const ColorImage& image) {
   WritePixels(path, image, PNG_COLOR_TYPE_RGB, 8);

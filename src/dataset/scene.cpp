@@ -12,11 +12,15 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
-#include "colmap_model.h"
-#include "scene_private.h"
+#include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/image/mask.h"
+#include "acmp_mapping/image/rectifier.h"
+#include "scene_readers.h"
 
 namespace acmp {
 namespace {
+
+namespace fs = std::filesystem;
 
 int ParseIndex(const std::string& part, const std::string& number, int count) {
   int index = 0;
@@ -67,6 +71,84 @@ Scene ReadSceneFiles(const std::filesystem::path& root, SceneFormat format, Pixe
   return ReadColmapScene(root, *model_folder, image_folder);
 }
 
+/// Some file of the folder, for a message that says what is there.
+std::string ExampleIn(const fs::path& folder) {
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder)) {
+    if (entry.is_regular_file()) return Concat("there is ", fs::relative(entry.path(), folder).string());
+  }
+  return "it is empty";
+}
+
+/// Finds the file of each image in a folder, and returns how many have one.
+/// @param kind of the files, for messages
+/// @param rule how they are named, for messages
+/// @param names_of(image) what its file may be called; the first is the example in messages
+template <class NamesOf>
+size_t AddCompanions(const fs::path& folder, const std::string& kind, const std::string& rule, const NamesOf& names_of,
+                     fs::path SceneImage::*file, Scene* scene) {
+  const std::string where = Concat("folder of ", kind, " ", folder.string());
+  if (!fs::is_directory(folder)) throw InvalidInputError(where + ": does not exist or is not a folder");
+  size_t count = 0;
+  for (SceneImage& image : scene->images) {
+    fs::path found;
+    for (const std::string& name : names_of(image)) {
+      const fs::path path = folder / name;
+      if (!fs::is_regular_file(path)) continue;
+      if (!found.empty()) {
+        throw InvalidInputError(
+            Concat("image ", image.name, " has two files of ", kind, ": ", found.string(), " and ", path.string()));
+      }
+      found = path;
+    }
+    if (found.empty()) continue;
+    image.*file = found;
+    ++count;
+  }
+  if (count == 0) {
+    throw InvalidInputError(Concat(where, ": has none for any of the ", scene->images.size(), " images; ", rule,
+                                   ", such as ", scene->images.empty() ? "" : names_of(scene->images.front()).front(),
+                                   "; ", ExampleIn(folder)));
+  }
+  return count;
+}
+
+Mask ToMask(const ColorImage& picture) {
+  Mask mask(picture.width(), picture.height());
+  std::transform(picture.begin(), picture.end(), mask.begin(),
+                 [](const Rgb& c) { return static_cast<unsigned char>(c.r == 0 && c.g == 0 && c.b == 0 ? 0 : 255); });
+  return mask;
+}
+
+/// Of the file as stored.
+const PinholeCamera& FileCamera(const SceneImage& image) { return image.face ? image.face->file_camera : image.camera; }
+
+/// Takes lens distortion and rolling shutter out of the image. Kept for the next images of the same camera, as its maps
+/// take time.
+std::shared_ptr<const Rectifier> RectifierOf(const SceneImage& image) {
+  static std::mutex mutex;
+  static std::deque<std::shared_ptr<const Rectifier>> newest;
+  constexpr size_t kPixels = 100'000'000;  // each has 6 bytes per pixel
+  const Lens lens(FileCamera(image), image.distortion, image.field_of_view);
+  const PinholeFace face = {"", image.camera, image.face ? image.face->lens_from_face : Eigen::Matrix3d::Identity()};
+  const std::lock_guard<std::mutex> lock(mutex);
+  for (const auto& known : newest) {
+    if (known->lens() == lens && known->face() == face && known->readout() == image.readout) return known;
+  }
+  newest.push_back(std::make_shared<Rectifier>(lens, face, image.readout));
+  const auto add = [](size_t sum, const auto& known) {
+    return sum + static_cast<size_t>(known->face().camera.width) * static_cast<size_t>(known->face().camera.height);
+  };
+  while (newest.size() > 1 && std::accumulate(newest.begin(), newest.end(), size_t{0}, add) > kPixels) {
+    newest.pop_front();
+  }
+  return newest.back();
+}
+
+/// The mask as stored; empty: the image has none. Throws as ReadMask does.
+Mask ReadMaskOf(const SceneImage& image) {
+  return image.mask.empty() ? Mask() : ReadMask(image.mask, {FileCamera(image).width, FileCamera(image).height});
+}
+
 }  // namespace
 
 SceneFormat ParseSceneFormat(const std::string& name) {
@@ -113,28 +195,6 @@ std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& i
   return landmarks;
 }
 
-const PinholeCamera& FileCamera(const SceneImage& image) { return image.face ? image.face->file_camera : image.camera; }
-
-std::shared_ptr<const Rectifier> RectifierOf(const SceneImage& image) {
-  static std::mutex mutex;
-  static std::deque<std::shared_ptr<const Rectifier>> newest;
-  constexpr size_t kPixels = 100'000'000;  // each has 6 bytes per pixel
-  const Lens lens(FileCamera(image), image.distortion, image.field_of_view);
-  const PinholeFace face = {"", image.camera, image.face ? image.face->lens_from_face : Eigen::Matrix3d::Identity()};
-  const std::lock_guard<std::mutex> lock(mutex);
-  for (const auto& known : newest) {
-    if (known->lens() == lens && known->face() == face && known->readout() == image.readout) return known;
-  }
-  newest.push_back(std::make_shared<Rectifier>(lens, face, image.readout));
-  const auto add = [](size_t sum, const auto& known) {
-    return sum + static_cast<size_t>(known->face().camera.width) * static_cast<size_t>(known->face().camera.height);
-  };
-  while (newest.size() > 1 && std::accumulate(newest.begin(), newest.end(), size_t{0}, add) > kPixels) {
-    newest.pop_front();
-  }
-  return newest.back();
-}
-
 void SplitWideImages(Scene* scene) {
   std::vector<SceneImage> images;
   std::set<std::string> names;
@@ -175,6 +235,34 @@ std::pair<int, int> ImagesOfFile(const Scene& scene, int index) {
   while (images[first].face && first > 0 && is_of_file(first - 1)) --first;
   while (images[first].face && last < images.size() && is_of_file(last)) ++last;
   return {static_cast<int>(first), static_cast<int>(last)};
+}
+
+size_t AddMasks(const fs::path& folder, Scene* scene) {
+  const auto names = [](const SceneImage& image) { return std::vector<std::string>{image.name + ".png"}; };
+  return AddCompanions(folder, "masks", "a mask has the image's name and .png", names, &SceneImage::mask, scene);
+}
+
+Mask ReadMask(const fs::path& path) { return ToMask(ReadColorImage(path)); }
+
+Mask ReadMask(const fs::path& path, const ImageSize& of_image) { return ToMask(ReadColorImage(path, of_image)); }
+
+Mask LoadMask(const SceneImage& image) { return RectifierOf(image)->RectifyMask(ReadMaskOf(image)); }
+
+size_t AddPriorDepths(const fs::path& folder, Scene* scene) {
+  const auto names = [](const SceneImage& image) {
+    const std::string stem = fs::path(image.name).replace_extension().string();
+    std::vector<std::string> all;
+    for (const std::string& name : {stem, image.name}) {
+      for (const char* extension : {".pfm", ".dmb", ".png"}) all.push_back(name + extension);
+    }
+    return all;
+  };
+  return AddCompanions(folder, "prior depth", "a map has the image's name and .pfm, .dmb or .png", names,
+                       &SceneImage::prior_depth, scene);
+}
+
+DepthMap ReadPriorDepthOf(const SceneImage& image) {
+  return image.prior_depth.empty() ? DepthMap() : ReadDepth(image.prior_depth);
 }
 
 ColorImage LoadImage(const Scene& scene, int index) {

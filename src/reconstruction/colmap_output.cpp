@@ -30,17 +30,15 @@ PointCloud ThinnedClouds(const std::vector<PointCloud>& clouds, const Eigen::Vec
   return placed.empty() ? PointCloud() : MergeClouds(placed, static_cast<float>(kVoxelShare * Median(depths)));
 }
 
+std::filesystem::path WorkspaceOf(const ReconstructRun& run) { return run.folder->path() / "colmap"; }
+
+std::filesystem::path DepthFileOf(const ReconstructRun& run, const std::string& name) {
+  return WorkspaceOf(run) / "stereo/depth_maps" / (name + ".geometric.bin");
+}
+
 }  // namespace
 
-ColmapOutput::ColmapOutput(const ReconstructRun* run) : run_(*run), folder_(run->folder->path() / "colmap") {
-  MakeFolder(folder_ / "stereo");
-}
-
-void ColmapOutput::CheckNames(const Scene& scene, const std::vector<int>& indices) {
-  for (int index : indices) CheckColmapName(scene.images[index].name);
-}
-
-void ColmapOutput::WriteMaps(int index, const FinalMaps& maps) const {
+void WriteColmapMaps(const ReconstructRun& run, int index, const FinalMaps& maps) {
   DepthMap measured_depth = maps.depth.Clone();
   NormalMap measured_normal = maps.normal.Clone();
   for (size_t i = 0; i < measured_depth.size(); ++i) {
@@ -48,41 +46,38 @@ void ColmapOutput::WriteMaps(int index, const FinalMaps& maps) const {
     measured_depth.data()[i] = 0;
     measured_normal.data()[i] = {0, 0, 0};
   }
-  const std::string& name = run_.scene.images[index].name;
+  const std::string& name = run.scene.images[index].name;
   const auto write = [&](const std::filesystem::path& path, const auto& writer, const auto& pixels) {
     MakeFolder(path.parent_path());
     writer(path, pixels);
     StartWriteback(path);
   };
   const auto write_map = [](const auto& path, const auto& map) { WriteColmapMap(path, map); };
-  write(folder_ / "images" / name, WriteColorImage, run_.store.FrameOf(index)->color);
-  write(DepthFile(name), write_map, measured_depth);
-  write(folder_ / "stereo/normal_maps" / (name + ".geometric.bin"), write_map, measured_normal);
+  write(WorkspaceOf(run) / "images" / name, WriteColorImage, run.frames.Get(index)->color);
+  write(DepthFileOf(run, name), write_map, measured_depth);
+  write(WorkspaceOf(run) / "stereo/normal_maps" / (name + ".geometric.bin"), write_map, measured_normal);
 }
 
-std::filesystem::path ColmapOutput::DepthFile(const std::string& name) const {
-  return folder_ / "stereo/depth_maps" / (name + ".geometric.bin");
-}
-
-void ColmapOutput::WriteModel(const std::set<int>& images, const std::vector<PointCloud>& clouds) const {
+void WriteColmapWorkspace(const ReconstructRun& run, const std::set<int>& images,
+                          const std::vector<PointCloud>& clouds) {
   std::vector<ColmapModelImage> model;
   std::vector<std::string> names;
   std::vector<std::vector<std::string>> source_names;
   for (int index : images) {
-    const SceneImage& image = run_.scene.images[index];
+    const SceneImage& image = run.scene.images[index];
     names.push_back(image.name);
-    model.push_back({index + 1, image.name, CameraOf(run_, index), WrittenPose(image).inverse()});
+    model.push_back({index + 1, image.name, CameraOf(run, index), WrittenPose(image).inverse()});
     std::vector<std::string>& sources = source_names.emplace_back();
-    for (int source : run_.plan.Find(index)->sources) {
-      if (images.count(source) > 0) sources.push_back(run_.scene.images[source].name);
+    for (int source : run.plan.Find(index)->sources) {
+      if (images.count(source) > 0) sources.push_back(run.scene.images[source].name);
     }
   }
-  ColmapPoints points(ThinnedClouds(clouds, run_.plan.origin, model), run_.plan.origin);
+  ColmapPoints points(ThinnedClouds(clouds, run.plan.origin, model), run.plan.origin);
   for (size_t i = 0; i < model.size(); ++i) {
-    points.AddImage(i, {model[i].camera, model[i].cam_from_world}, ReadColmapMap(DepthFile(names[i])));
+    points.AddImage(i, {model[i].camera, model[i].cam_from_world}, ReadColmapMap(DepthFileOf(run, names[i])));
   }
-  WriteColmapModel(folder_, model, points.Take());
-  WriteColmapLists(folder_ / "stereo", names, source_names);
+  WriteColmapModel(WorkspaceOf(run), model, points.Take());
+  WriteColmapLists(WorkspaceOf(run) / "stereo", names, source_names);
 }
 
 }  // namespace acmp

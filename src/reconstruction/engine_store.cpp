@@ -23,16 +23,15 @@ size_t EstimateBytes(const Frame& frame, bool on_host) { return frame.gray.size(
 }  // namespace
 
 EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output,
-                         Place place, const ReconstructPlan& plan, const Devices& devices)
+                         const ReconstructPlan& plan, const Devices& devices)
     : output_(output),
-      place_(place),
       plan_(plan),
       levels_(MakePipelineOptions(options).start_level),
       steps_(ScheduleOf(MakePipelineOptions(options))),
       final_step_(static_cast<int>(steps_.size()) - 1),
       frames_(*frames),
-      always_writes_(place == Place::kKeptFiles || (place == Place::kFiles && devices.on_host())),
-      removes_files_(place == Place::kFiles && devices.on_host()),
+      keeps_files_(options.keep_work || !options.stage.empty()),
+      always_writes_(!output.empty() && (keeps_files_ || devices.on_host())),
       finals_are_maps_(options.online()) {
   for (int device = 0; device < devices.size(); ++device) {
     const size_t bytes = devices.on_host() ? options.MemoryBytes(options.kMapShare) : devices.FreeBytes(device) / 2;
@@ -45,7 +44,7 @@ std::string EngineStore::StepName(int step, int final_step) {
   return step == final_step ? "final" : Concat("step_", step);
 }
 
-EngineProblem EngineStore::Problem(const ImagePlan& image, const DeviceEngine& engine) {
+EngineProblem EngineStore::Problem(const ImagePlan& image, int step, const DeviceEngine& engine) {
   EngineProblem problem;
   problem.depth_range = image.range;
   problem.sources.resize(image.sources.size());
@@ -63,11 +62,7 @@ EngineProblem EngineStore::Problem(const ImagePlan& image, const DeviceEngine& e
     if (!source.frame) throw Interrupted();
     source.image = Image(source.frame, engine);
   }
-  return problem;
-}
-
-EngineProblem EngineStore::Problem(const ImagePlan& image, int step, const DeviceEngine& engine) {
-  EngineProblem problem = Problem(image, engine);
+  if (step < 0) return problem;
   problem.reference.estimate = Estimate({step, image.index}, *problem.reference.frame, engine);
   for (EngineView& source : problem.sources) {
     const int index = static_cast<int>(source.frame->id);
@@ -117,7 +112,7 @@ void EngineStore::Keep(int step, const Frame& frame, const DeviceEngine& engine,
   const size_t bytes = EstimateBytes(frame, engine.on_host);
   if (!always_writes_ && KeepOnDevice(key, {estimate, engine.device, bytes})) return;
   EstimateState state = engine.engine->DownloadState(estimate);
-  if (place_ == Place::kMemory) {
+  if (output_.empty()) {
     const std::lock_guard<std::mutex> lock(mutex_);
     in_memory_[key] = std::make_shared<const EstimateState>(std::move(state));
   } else {
@@ -157,7 +152,7 @@ void EngineStore::HasRead(const ImagePlan& image, int step) {
 void EngineStore::Forget(const Key& key) {
   for (Device& device : devices_) device.estimates.Drop(key);
   std::error_code ignored;  // what is left goes with the work folder
-  if (removes_files_ && key.first != final_step_) std::filesystem::remove(FileOf(key), ignored);
+  if (always_writes_ && !keeps_files_ && key.first != final_step_) std::filesystem::remove(FileOf(key), ignored);
   const std::lock_guard<std::mutex> lock(mutex_);
   in_memory_.erase(key);
   const auto found = on_device_.find(key);

@@ -2,10 +2,11 @@
 
 #include <tbb/task_arena.h>
 
+#include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <deque>
 #include <functional>
-#include <list>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -58,8 +59,8 @@ class LruCache {
   struct Entry {
     std::mutex making;  ///< held while the value is made
     Pointer value;
-    size_t bytes = 0;  ///< 0: not made yet
-    typename std::list<Key>::iterator place;
+    size_t bytes = 0;       ///< 0: not made yet
+    uint64_t last_use = 0;  ///< its number
   };
   using Entries = std::map<Key, std::shared_ptr<Entry>>;
 
@@ -67,12 +68,8 @@ class LruCache {
   std::shared_ptr<Entry> Touch(const Key& key) {
     const std::lock_guard<std::mutex> lock(mutex_);
     std::shared_ptr<Entry>& entry = entries_[key];
-    if (entry) {
-      order_.splice(order_.begin(), order_, entry->place);
-    } else {
-      entry = std::make_shared<Entry>();
-      entry->place = order_.insert(order_.begin(), key);
-    }
+    if (!entry) entry = std::make_shared<Entry>();
+    entry->last_use = ++uses_;
     return entry;
   }
 
@@ -82,25 +79,23 @@ class LruCache {
     if (found == entries_.end() || found->second != entry) return;  // dropped meanwhile
     entry->bytes = bytes;
     bytes_ += bytes;
-    for (auto oldest = order_.end(); bytes_ > max_bytes_ && oldest != order_.begin();) {
-      const auto old = entries_.find(*--oldest);
-      if (old->second->bytes == 0) continue;
-      ++oldest;  // before it goes
-      Erase(old);
-    }
+    const auto is_older = [](const auto& a, const auto& b) {
+      const Entry &first = *a.second, &second = *b.second;
+      return first.bytes > 0 && (second.bytes == 0 || first.last_use < second.last_use);
+    };
+    while (bytes_ > max_bytes_) Erase(std::min_element(entries_.begin(), entries_.end(), is_older));
   }
 
   void Erase(typename Entries::iterator entry) {
     bytes_ -= entry->second->bytes;
-    order_.erase(entry->second->place);
     entries_.erase(entry);
   }
 
   const size_t max_bytes_;
   std::mutex mutex_;
   Entries entries_;
-  std::list<Key> order_;  ///< used last first
-  size_t bytes_ = 0;      ///< of all that are made
+  uint64_t uses_ = 0;
+  size_t bytes_ = 0;  ///< of all that are made
 };
 
 /// Images of a scene at the size of the run. For any number of threads.
@@ -137,19 +132,14 @@ class EngineStore {
   /// An image's estimate after a step of its schedule: step, scene index.
   using Key = std::pair<int, int>;
 
-  enum class Place {
-    kFiles,      ///< what devices have no room for; of the host everything, as long as somebody reads it
-    kKeptFiles,  ///< everything, also when nobody reads it any more
-    kMemory,     ///< no files
-  };
-
-  /// All outlive the store. @param output has the work folder
-  EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output, Place place,
+  /// All outlive the store. Files are what devices have no room for and, of the host, everything, as long as somebody
+  /// reads it; with --keep-work, and in a stage, as no process can count on the memory of another, everything for good.
+  /// @param output has the work folder; empty: there are no files
+  EngineStore(FrameStore* frames, const ReconstructOptions& options, const std::filesystem::path& output,
               const ReconstructPlan& plan, const Devices& devices);
 
   /// Of the schedule: its estimates are final.
   int final_step() const { return final_step_; }
-  FramePtr FrameOf(int index) { return frames_.Get(index); }
   /// Where an estimate is if it is in a file; of the online schedule, the final maps.
   std::filesystem::path FileOf(const Key& key) const {
     return OutputFolder::WorkFile(output_, StepName(key.first, final_step_), key.second);
@@ -158,12 +148,11 @@ class EngineStore {
   static std::string StepName(int step, int final_step);
   /// Whether an earlier run has left an estimate. Reads its whole file.
   WorkFileState FindFile(const Key& key) const {
-    return place_ == Place::kMemory ? WorkFileState::kMissing : CheckWorkFile(FileOf(key));
+    return output_.empty() ? WorkFileState::kMissing : CheckWorkFile(FileOf(key));
   }
 
   /// The reference image and source views with frames and images; decodes several files side by side.
-  EngineProblem Problem(const ImagePlan& image, const DeviceEngine& engine);
-  /// The same with all their estimates after a step. Source views without a map keep a null one.
+  /// @param step after which all their estimates are there, of source views with a map; -1: none
   EngineProblem Problem(const ImagePlan& image, int step, const DeviceEngine& engine);
 
   void Keep(int step, const Frame& frame, const DeviceEngine& engine, const EngineEstimatePtr& estimate);
@@ -203,15 +192,14 @@ class EngineStore {
   void Forget(const Key& key);
 
   const std::filesystem::path output_;
-  const Place place_;
   const ReconstructPlan& plan_;
   const int levels_;
   const std::vector<KeyframeStep> steps_;
   const int final_step_;
   FrameStore& frames_;
   std::deque<Device> devices_;
+  const bool keeps_files_;      ///< that nobody reads any more
   const bool always_writes_;    ///< the work files
-  const bool removes_files_;    ///< that nobody reads any more
   const bool finals_are_maps_;  ///< in the work files
 
   mutable std::mutex mutex_;                                       ///< of what follows

@@ -2,12 +2,9 @@
 
 #include <Eigen/Core>
 #include <array>
-#include <atomic>
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <map>
-#include <optional>
 #include <set>
 #include <string>
 #include <utility>
@@ -16,88 +13,23 @@
 #include "acmp_mapping/dataset/colmap_workspace.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/fusion/point_cloud.h"
-#include "run_tasks.h"
+#include "run.h"
 
 namespace acmp {
 
-/// OUTPUT/colmap, COLMAP's dense workspace with the maps of a run, for programs that fuse or mesh it. Images keep their
-/// names, and their folders below images/, depth_maps/ and normal_maps/.
-class ColmapOutput {
- public:
-  /// Makes the folders. @param run not null; outlives this
-  explicit ColmapOutput(const ReconstructRun* run);
+// OUTPUT/colmap, COLMAP's dense workspace with the maps of a run, for programs that fuse or mesh it. Images keep their
+// names, and their folders below images/, depth_maps/ and normal_maps/.
 
-  /// Throws InvalidInputError when the workspace cannot have an image of that name.
-  static void CheckNames(const Scene& scene, const std::vector<int>& indices);
+/// Depth and normals where they were measured: pixels of kUnverifiedCost or worse have at most planes from around them,
+/// and a program that fuses the maps would take them for what a camera saw.
+void WriteColmapMaps(const ReconstructRun& run, int index, const FinalMaps& maps);
 
-  /// Depth and normals where they were measured: pixels of kUnverifiedCost or worse have at most planes from around
-  /// them, and a program that fuses the maps would take them for what a camera saw.
-  void WriteMaps(int index, const FinalMaps& maps) const;
-
-  /// Cameras, poses, points of the cloud and the lists of images: last, since the online schedule decides late what
-  /// gets a map, and the maps tell which images see a point.
-  /// @param images with maps, by scene index
-  /// @param clouds of each of the images, from the plan's origin
-  void WriteModel(const std::set<int>& images, const std::vector<PointCloud>& clouds) const;
-
- private:
-  std::filesystem::path DepthFile(const std::string& name) const;
-
-  const ReconstructRun& run_;
-  std::filesystem::path folder_;
-};
-
-/// Memory that several threads share out.
-class MemoryRoom {
- public:
-  explicit MemoryRoom(size_t bytes) : left_(static_cast<int64_t>(bytes)) {}
-  /// False: there is not as much any more.
-  bool Take(size_t bytes) {
-    if ((left_ -= static_cast<int64_t>(bytes)) >= 0) return true;
-    GiveBack(bytes);
-    return false;
-  }
-  void GiveBack(size_t bytes) { left_ += static_cast<int64_t>(bytes); }
-
- private:
-  std::atomic<int64_t> left_;
-};
-
-/// The files of images with final estimates: maps, their pictures, and their part of COLMAP's workspace. A stage leaves
-/// a record of each image whose files it has written, and none that has one is written again.
-class ImageFiles {
- public:
-  /// Makes the folders. @param run not null, with a folder; outlives this
-  explicit ImageFiles(ReconstructRun* run);
-
-  /// Of these images with a map those with files that are not there as a stage has recorded them.
-  std::set<int> Missing(const std::set<int>& images) const;
-  /// Adds the tasks that fetch an image's maps and write its files. Where maps wait for the threads that write files
-  /// until there is no memory for more, those that fetch them write, too; on the host they always do.
-  void AddTasks(const ImagePlan& image, RunTasks* tasks);
-  /// At the end: what the files could not hold.
-  void WarnOfDepthsTooFar() const;
-
-  const std::optional<ColmapOutput>& colmap() const { return colmap_; }  ///< where it is asked for
-
- private:
-  using Path = std::filesystem::path;
-  struct File {
-    Path path;
-    std::function<void(const Path&)> write;
-  };
-
-  Path RecordOf(int index) const { return run_.folder->WorkFile("maps", index); }
-  std::vector<File> FilesOf(int index, const FinalMaps& maps, size_t* too_far) const;
-  std::string ChecksumsOf(int index) const;
-  void WriteFiles(int index, const FinalMaps& maps);
-
-  ReconstructRun& run_;
-  std::optional<ColmapOutput> colmap_;
-  const bool writes_any_;
-  MemoryRoom room_;     ///< for maps that wait
-  size_t too_far_ = 0;  ///< pixels; under the run's mutex while tasks run
-};
+/// Cameras, poses, points of the cloud and the lists of images: last, since the online schedule decides late what gets
+/// a map, and the maps tell which images see a point.
+/// @param images with maps, by scene index
+/// @param clouds of each of the images, from the plan's origin
+void WriteColmapWorkspace(const ReconstructRun& run, const std::set<int>& images,
+                          const std::vector<PointCloud>& clouds);
 
 /// A run's points in cubic tiles of the scene's frame. OUTPUT/tiles/X_Y_Z.ply has those whose coordinates divided by
 /// the tile size, rounded down, are X, Y and Z, in the order in which they came. OUTPUT/tiles/index.json lists the

@@ -1,7 +1,5 @@
 #include "plan.h"
 
-#include <tbb/parallel_for.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -167,13 +165,15 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
     image.sources = SourcesOfDataset(scene, image, taking_part, options.source_views, &plan.warnings);
     plan.images.push_back(std::move(image));
   }
-  const SourceCandidates candidates(scene, indices);
-  tbb::parallel_for(size_t{0}, plan.images.size(), [&](size_t i) {
-    ImagePlan& image = plan.images[i];
-    if (scene.images[image.index].ranked_sources.empty() && image.range.max > 0) {
-      image.sources = candidates.Select(image.index, TypicalDepth(image.range), options.source_views);
-    }
-  });
+  std::vector<double> depths;  // of images for which the dataset names no source views
+  for (const ImagePlan& image : plan.images) {
+    const bool chooses = scene.images[image.index].ranked_sources.empty() && image.range.max > 0;
+    depths.push_back(chooses ? TypicalDepth(image.range) : 0);
+  }
+  std::vector<std::vector<int>> chosen = ChooseSourceViews(scene, indices, depths, options.source_views);
+  for (size_t i = 0; i < depths.size(); ++i) {
+    if (depths[i] > 0) plan.images[i].sources = std::move(chosen[i]);
+  }
   const auto needed = static_cast<size_t>(MinSourceViews(options));
   for (ImagePlan& image : plan.images) {
     if (image.sources.size() >= needed || !image.no_map.empty()) continue;

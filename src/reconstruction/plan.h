@@ -29,46 +29,24 @@ std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<
 void CheckPriorDepths(const ReconstructOptions& options, const std::vector<int>& indices, const Scene& scene,
                       Progress* progress);
 
-/// Of the content of an image's files: itself, its mask, its prior depth. Reads them, without decoding.
-uint64_t HashOfFiles(const SceneImage& image);
-
-/// HashOfFiles of each of these images, side by side. Throws Interrupted.
+/// Of the content of each image's files: itself, its mask, its prior depth. Reads them, without decoding, side by side.
+/// Throws Interrupted.
 /// @param also is called for each, in any thread
 std::vector<uint64_t> HashFiles(const Scene& scene, const std::vector<int>& indices, const StopRequest& interrupt,
                                 const std::function<void(int index)>& also);
 
-/// Another number once one of these files has been written or replaced. Does not read them.
-uint64_t StampOfFiles(const SceneImage& image);
-
 /// Of all that a run reads: files, cameras, poses, landmarks, ranges and source views that the dataset names.
-/// @param files HashOfFiles of the image at the same place of `indices`
+/// @param files what HashFiles says of the image at the same place of `indices`
 /// @return 16 digits
 std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<uint64_t>& files);
 
-/// Chooses source views among the images of a scene without looking at all pairs: SelectSourceViews gives the same for
-/// the images around, once none of those farther away could be worth as much as the least of what it chose.
-class SourceCandidates {
- public:
-  /// @param scene outlives this; its poses do not change
-  /// @param indices of the images that take part, ascending
-  SourceCandidates(const Scene& scene, std::vector<int> indices);
-
-  /// Scene indices, most useful first. Any number of threads may ask.
-  /// @param typical_depth see SelectSourceViews
-  std::vector<int> Select(int index, double typical_depth, int max_sources) const;
-
- private:
-  /// Images but for `index` that are within a distance of it; ascending.
-  std::vector<int> Around(int index, double distance) const;
-  /// No view farther away can gain as much (SelectedSourceView::gain, 0..1).
-  double DistanceOfGain(int index, double typical_depth, double gain) const;
-
-  const Scene& scene_;
-  const std::vector<int> indices_;
-  std::vector<Eigen::Vector3d> centres_;  ///< of the indices
-  double most_focal_length_ = 0;          ///< px, of all images
-  double least_cosine_ = 1;               ///< between a ray of any image and its optical axis
-};
+/// Source views of each image among the images of a scene, as scene indices, most useful first. Without looking at all
+/// pairs: SelectSourceViews gives the same for the images around, once none of those farther away could be worth as
+/// much as the least of what it chose.
+/// @param indices of the images that take part, ascending
+/// @param typical_depths see SelectSourceViews, of the image at the same place; 0: it gets no source views
+std::vector<std::vector<int>> ChooseSourceViews(const Scene& scene, const std::vector<int>& indices,
+                                                const std::vector<double>& typical_depths, int max_sources);
 
 /// What to do with one image of the scene.
 struct ImagePlan {

@@ -1,6 +1,6 @@
 #include "acmp_mapping/reconstruction/reconstruct.h"
 
-#include <tbb/parallel_for.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <future>
@@ -8,10 +8,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "outputs.h"
+#include "acmp_mapping/dataset/colmap_workspace.h"
 #include "plan.h"
 #include "run.h"
-#include "stages.h"
 
 namespace acmp {
 namespace {
@@ -46,35 +45,33 @@ ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, co
   return MakeOfflinePlan(scene, indices, ranges, options);
 }
 
-/// Of the files of all images: what StampOfFiles says.
-std::vector<uint64_t> StampsOf(const Scene& scene, const std::vector<int>& indices) {
-  std::vector<uint64_t> stamps;
-  stamps.reserve(indices.size());
-  for (int index : indices) stamps.push_back(StampOfFiles(scene.images[static_cast<size_t>(index)]));
+/// Of each image: others once one of its files has been written or replaced.
+using FileStamps = std::vector<int64_t>;
+std::vector<FileStamps> StampsOf(const Scene& scene, const std::vector<int>& indices) {
+  std::vector<FileStamps> stamps(indices.size());
+  for (size_t i = 0; i < indices.size(); ++i) {
+    const SceneImage& image = scene.images[static_cast<size_t>(indices[i])];
+    for (const std::filesystem::path& path : {image.path, image.mask, image.prior_depth}) {
+      struct stat file = {};
+      if (path.empty() || stat(path.c_str(), &file) != 0) file = {};
+      stamps[i].insert(stamps[i].end(), {file.st_mtim.tv_sec, file.st_mtim.tv_nsec, file.st_ctim.tv_sec,
+                                         file.st_ctim.tv_nsec, static_cast<int64_t>(file.st_ino), file.st_size});
+    }
+  }
   return stamps;
 }
 
 /// Images that do not fit into memory are read more than once: where one has been written meanwhile, nobody knows what
 /// the maps are of, and they are removed.
-void CheckUnchanged(const Scene& scene, const std::vector<int>& indices, const std::vector<uint64_t>& stamps,
+void CheckUnchanged(const Scene& scene, const std::vector<int>& indices, const std::vector<FileStamps>& stamps,
                     OutputFolder* folder) {
-  const std::vector<uint64_t> now = StampsOf(scene, indices);
+  const std::vector<FileStamps> now = StampsOf(scene, indices);
   const auto changed = static_cast<size_t>(std::mismatch(now.begin(), now.end(), stamps.begin()).first - now.begin());
   if (changed == now.size()) return;
   folder->StartAfresh();
   throw ProcessingError(Concat(scene.images[static_cast<size_t>(indices[changed])].path.string(),
                                ", its mask or its prior depth was written during the run: what had been computed is "
                                "removed; run again with --overwrite when the images stay as they are"));
-}
-
-/// Runs the schedule and writes the results.
-CloudSize RunSchedule(ReconstructRun* run) {
-  if (run->options.online()) RunOnlineSchedule(run);
-  ReportImagesWithoutMap(run->plan, run->scene, &run->progress);
-  const CloudSize cloud = RunAndWriteResults(run);
-  run->interrupt.Check();
-  ReportUnusedPriorDepth(*run);
-  return cloud;
 }
 
 }  // namespace
@@ -97,7 +94,9 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   if (faces > 0) progress.Note(Concat(faces, " of ", scene.images.size(), " images are faces of wide ones"));
   const std::vector<int> indices = TakeMasks(options, ChosenImages(scene, options.images), scene, &progress);
   CheckPriorDepths(options, indices, scene, &progress);
-  if (options.colmap) ColmapOutput::CheckNames(scene, indices);
+  for (int index : options.colmap ? indices : std::vector<int>()) {
+    CheckColmapName(scene.images[static_cast<size_t>(index)].name);
+  }
   ReconstructPlan plan = MakePlan(scene, indices, options);
   interrupt.Check();
   for (const std::string& warning : plan.warnings) progress.Warn(warning);
@@ -108,7 +107,7 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   FrameStore frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare));
   if (plans) return PlanStages(scene, plan, options, interrupt, &frames, &progress, out);
   progress.Note(Concat("checking ", indices.size(), " images"));
-  const std::vector<uint64_t> stamps = StampsOf(scene, indices);
+  const std::vector<FileStamps> stamps = StampsOf(scene, indices);
   // Each image is decoded once, so that a damaged one is found now and not hours later; those that fit in stay.
   const auto decode = [&](int index) { frames.Get(index); };
   const std::string input_hash = InputHash(scene, indices, HashFiles(scene, indices, interrupt, decode));
@@ -133,10 +132,10 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
         "The camera of the images with the distortion that its calibration has left, as --refine-poses found it");
   }
   {
-    const auto place = options.keep_work ? EngineStore::Place::kKeptFiles : EngineStore::Place::kFiles;
-    EngineStore store(&frames, options, folder.path(), place, plan, devices);
-    ReconstructRun run{scene, options, plan, devices, store, interrupt, progress, &folder};
-    const CloudSize cloud = RunSchedule(&run);
+    ReconstructRun run{scene, options, plan, devices, frames, interrupt, progress, &folder};
+    if (options.online()) RunOnlineSchedule(&run);
+    ReportImagesWithoutMap(plan, scene, &progress);
+    const CloudSize cloud = RunAndWriteResults(&run);
     CheckUnchanged(scene, indices, stamps, &folder);
     EndRun(&run, record, devices.name(), timer, cloud, out);
   }

@@ -97,7 +97,7 @@ ImageReconstruction DoTasks(ReconstructRun* run) {
       maps.confidence = std::move(final_maps.confidence);
     });
     PointCloud& cloud = clouds[static_cast<size_t>(index)];
-    tasks.AddFusion(image, [&cloud](PointCloud points) { cloud = std::move(points); });
+    tasks.AddFusion(image, {}, [&cloud](PointCloud points) { cloud = std::move(points); });
   }
   tasks.Run();
   run->interrupt.Check();
@@ -130,10 +130,9 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
   CheckSizes(scene, indices, options);
   scene.landmarks_in_world.clear();
   const Devices devices(make_devices());
-  EngineStore store(&frames, options, {}, EngineStore::Place::kMemory, plan, devices);
   std::ostream nowhere(nullptr);
   Progress progress(&nowhere, ProgressStyle::kSilent);
-  ReconstructRun run{scene, options, plan, devices, store, *interrupt, progress, nullptr};
+  ReconstructRun run{scene, options, plan, devices, frames, *interrupt, progress, nullptr};
   return DoTasks(&run);
 }
 

@@ -5,7 +5,6 @@
 #include <ostream>
 #include <set>
 #include <string>
-#include <vector>
 
 #include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/common/timer.h"
@@ -41,10 +40,11 @@ struct ReconstructRun {
   const ReconstructOptions& options;
   ReconstructPlan& plan;
   const Devices& devices;
-  EngineStore& store;
+  FrameStore& frames;
   StopRequest& interrupt;
   Progress& progress;
   const OutputFolder* folder;  ///< null: results stay in memory
+  EngineStore store = {&frames, options, folder ? folder->path() : std::filesystem::path(), plan, devices};
   const PipelineOptions pipeline = MakePipelineOptions(options);
 
   RunTimes times = {};
@@ -60,10 +60,6 @@ struct ReconstructRun {
 
 /// Camera of an image at the size of the run.
 PinholeCamera CameraOf(const ReconstructRun& run, int index);
-
-/// Writes OUTPUT/cameras.txt: cameras of the maps, at their size, with their poses.
-/// @param images with maps, by scene index
-void WriteCameras(const ReconstructRun& run, const std::set<int>& images);
 
 /// How much a run's cloud is.
 struct CloudSize {
@@ -83,6 +79,18 @@ CloudSize RunAndWriteResults(ReconstructRun* run);
 /// @param images with a map, by scene index
 /// @param maps also writes their map files and pictures; the step is then the final one
 void RunStage(ReconstructRun* run, int step, const std::set<int>& images, bool maps);
+
+/// Writes a plan of stages to the output folder, and its tasks to the file options.plan:
+/// {"complete": a finished run with the same settings and input is there, and nothing is to do,
+///  "tasks": [{"stage": ..., "images": for --images, "after": numbers of the tasks that it waits for, from 0}, ...]}.
+/// Throws InvalidInputError when the folder belongs to another plan.
+/// @param frames gets the images without a map, which no stage may read: a damaged one is found now
+void PlanStages(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options,
+                const StopRequest& interrupt, FrameStore* frames, Progress* progress, std::ostream* out);
+
+/// Does options.stage for options.images, as far as it is not done. What it reads of other chunks and does not find, or
+/// finds damaged, it makes itself. Throws as Reconstruct does.
+void DoStage(const ReconstructOptions& options, const RunContext& context);
 
 /// Writes the mesh of a finished run to options.mesh: of the maps in its folder, at the poses of its cameras.txt. A
 /// line of what it is goes to `out` unless options.quiet. Throws InvalidInputError, ProcessingError or Interrupted.

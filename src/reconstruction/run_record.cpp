@@ -183,6 +183,8 @@ void ReportUnusedPriorDepth(const ReconstructRun& run) {
 
 void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
             const CloudSize& cloud, std::ostream* out) {
+  run->interrupt.Check();
+  ReportUnusedPriorDepth(*run);
   Timer sync;
   run->folder->WriteFileList();
   SyncFolder(run->folder->path());

@@ -3,7 +3,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <mutex>
+#include <thread>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
@@ -52,6 +52,84 @@ int DeviceOfPlace(size_t place, size_t images, size_t devices) {
 }
 
 }  // namespace
+
+int TaskGraph::Add(int pool, int rank, const std::vector<int>& after, std::function<void(int)> work) {
+  const int number = static_cast<int>(tasks_.size());
+  for (int other : after) {
+    CheckRange("number of a task that another waits for", other, 0, number - 1);
+    tasks_[static_cast<size_t>(other)].followers.push_back(number);
+  }
+  tasks_.push_back({static_cast<size_t>(pool), rank, static_cast<int>(after.size()), {}, std::move(work)});
+  return number;
+}
+
+void TaskGraph::Run(const std::vector<int>& threads, const StopRequest& interrupt) {
+  ready_.resize(threads.empty() ? 1 : threads.size());
+  left_ = tasks_.size();
+  for (size_t i = 0; i < tasks_.size(); ++i) {
+    if (threads.empty()) tasks_[i].pool = 0;
+    if (tasks_[i].waits_for == 0) MakeReady(static_cast<int>(i));
+  }
+  std::vector<std::thread> workers;
+  try {
+    for (size_t pool = 0; pool < threads.size(); ++pool) {
+      for (int i = 0; i < threads[pool]; ++i) workers.emplace_back([=, &interrupt] { Work(pool, i, interrupt); });
+    }
+  } catch (...) {
+    // The system gives no further thread. Those that run must be joined before the error may leave.
+    Fail(std::current_exception());
+  }
+  if (threads.empty()) Work(0, 0, interrupt);
+  for (std::thread& worker : workers) worker.join();
+  if (failure_) std::rethrow_exception(failure_);
+}
+
+void TaskGraph::Work(size_t pool, int thread, const StopRequest& interrupt) {
+  for (int number = Next(pool); number >= 0; number = Next(pool)) {
+    try {
+      interrupt.Check();
+      std::function<void(int)> work = std::move(tasks_[static_cast<size_t>(number)].work);
+      work(thread);
+      interrupt.Check();
+      work = nullptr;  // what it holds goes before others go on, and not under the mutex
+      Finish(number);
+    } catch (...) {
+      Fail(std::current_exception());
+    }
+  }
+}
+
+void TaskGraph::MakeReady(int number) {
+  const Task& task = tasks_[static_cast<size_t>(number)];
+  ready_.at(task.pool).insert({task.rank, number});
+}
+
+/// A ready task of the pool; waits for one. -1: there will be none any more.
+int TaskGraph::Next(size_t pool) {
+  std::unique_lock<std::mutex> lock(mutex_);
+  auto& ready = ready_[pool];
+  changed_.wait(lock, [&] { return failure_ || left_ == 0 || !ready.empty(); });
+  if (failure_ || ready.empty()) return -1;
+  const int number = ready.begin()->second;
+  ready.erase(ready.begin());
+  return number;
+}
+
+void TaskGraph::Finish(int number) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  --left_;
+  for (int follower : tasks_[static_cast<size_t>(number)].followers) {
+    if (--tasks_[static_cast<size_t>(follower)].waits_for == 0) MakeReady(follower);
+  }
+  changed_.notify_all();
+}
+
+/// No further task is begun.
+void TaskGraph::Fail(std::exception_ptr failure) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (!failure_) failure_ = std::move(failure);
+  changed_.notify_all();
+}
 
 RunTasks::RunTasks(ReconstructRun* run, int step, const std::set<int>& images)
     : run_(*run), final_step_(run->store.final_step()) {
@@ -117,8 +195,7 @@ std::vector<int> RunTasks::StepsRead(int step, const ImagePlan& image) const {
 
 void RunTasks::DoStep(int step, const ImagePlan& image, const DeviceEngine& engine, DepthEstimator* estimator) {
   Timer timer;
-  const EngineProblem problem =
-      step == 0 ? run_.store.Problem(image, engine) : run_.store.Problem(image, step - 1, engine);
+  const EngineProblem problem = run_.store.Problem(image, step - 1, engine);
   const double reading_ms = timer.Lap();
   run_.interrupt.Check();
   const EngineEstimatePtr estimate = estimator->Run(estimator->schedule()[static_cast<size_t>(step)], problem);
@@ -160,10 +237,10 @@ int RunTasks::AddMaps(const ImagePlan& image, bool measure, std::function<void(F
   return graph_.Add(Devices::EnginePool(device), kUrgent, StepsRead(final_step_, image), fetch);
 }
 
-int RunTasks::AddFusion(const ImagePlan& image, std::function<void(PointCloud)> take) {
+int RunTasks::AddFusion(const ImagePlan& image, std::vector<int> after, std::function<void(PointCloud)> take) {
   CheckRange("number of images to fuse", views_ + 1, 0, kMaxFusionViews);
   run_.store.AddReader(image, final_step_);
-  std::vector<int> after = StepsRead(final_step_, image);
+  for (int step : StepsRead(final_step_, image)) after.push_back(step);
   const std::vector<int> frames = run_.plan.ImagesRead(image);
   for (int frame : frames) {
     if (const auto last = last_fused_.find(frame); last != last_fused_.end()) after.push_back(last->second);

@@ -1,4 +1,3 @@
-#include <sys/stat.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -257,37 +256,19 @@ std::optional<Lens> RefineScenePoses(const ReconstructPlan& plan, const Reconstr
   return is_one ? found : std::nullopt;
 }
 
-uint64_t HashOfFiles(const SceneImage& image) {
-  Hash hash;
-  for (const auto& path : {image.path, image.mask, image.prior_depth}) AddFile(path, &hash);
-  return hash.value();
-}
-
 std::vector<uint64_t> HashFiles(const Scene& scene, const std::vector<int>& indices, const StopRequest& interrupt,
                                 const std::function<void(int index)>& also) {
   std::vector<uint64_t> hashes(indices.size());
   tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
     interrupt.Check();
     also(indices[i]);
-    hashes[i] = HashOfFiles(scene.images[static_cast<size_t>(indices[i])]);
+    Hash hash;
+    const SceneImage& image = scene.images[static_cast<size_t>(indices[i])];
+    for (const auto& path : {image.path, image.mask, image.prior_depth}) AddFile(path, &hash);
+    hashes[i] = hash.value();
   });
   interrupt.Check();
   return hashes;
-}
-
-uint64_t StampOfFiles(const SceneImage& image) {
-  Hash hash;
-  for (const std::filesystem::path& path : {image.path, image.mask, image.prior_depth}) {
-    struct stat file = {};
-    if (path.empty() || stat(path.c_str(), &file) != 0) file = {};
-    for (const timespec& time : {file.st_mtim, file.st_ctim}) {
-      hash.Add(time.tv_sec);
-      hash.Add(time.tv_nsec);
-    }
-    hash.Add(file.st_ino);
-    hash.Add(file.st_size);
-  }
-  return hash.value();
 }
 
 std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<uint64_t>& files) {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <vector>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/mesh/distance_volume.h"

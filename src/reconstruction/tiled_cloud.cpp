@@ -103,9 +103,9 @@ void TiledCloud::WriteTile(const TileNumber& number, const Tile& tile) const {
                      static_cast<std::streamsize>(block.size() * sizeof(SurfacePoint)))) {
       throw ProcessingError(Concat("cannot read the points in ", WorkFileOf(number).string()));
     }
-    file.WriteAt(file.Reserve(block.size()), block);
+    file.Append(block);
   }
-  file.WriteAt(file.Reserve(tile.in_memory.size()), tile.in_memory);
+  file.Append(tile.in_memory);
   file.Commit();
 }
 

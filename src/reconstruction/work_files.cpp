@@ -3,7 +3,6 @@
 #include <zlib.h>
 
 #include <algorithm>
-#include <cstring>
 #include <fstream>
 #include <type_traits>
 #include <utility>
@@ -14,8 +13,6 @@
 
 namespace acmp {
 namespace {
-
-static_assert(std::is_trivially_copyable_v<SurfacePoint>, "files have points as they are in memory");
 
 constexpr size_t kReadAtOnce = size_t{1} << 18;
 
@@ -75,17 +72,6 @@ class WorkFileReader {
   uint32_t checksum_ = 0, expected_ = 0;
 };
 
-/// A file's content as a string or vector of what can be copied bit by bit.
-template <class Elements>
-std::optional<Elements> ReadContent(const std::filesystem::path& path) {
-  constexpr size_t kElement = sizeof(typename Elements::value_type);
-  WorkFileReader reader(path);
-  Elements elements(reader.left() / kElement, typename Elements::value_type());
-  reader.Read(static_cast<void*>(elements.data()), elements.size() * kElement);
-  if (!reader.IsWhole()) return std::nullopt;
-  return elements;
-}
-
 /// Of a file of maps; their pixels follow.
 struct MapsHeader {
   int32_t width = 0;   ///< px
@@ -135,7 +121,13 @@ void WriteWorkFile(const std::filesystem::path& path, const std::string& content
   WritePieces(path, {{content.data(), content.size()}});
 }
 
-std::optional<std::string> ReadWorkFile(const std::filesystem::path& path) { return ReadContent<std::string>(path); }
+std::optional<std::string> ReadWorkFile(const std::filesystem::path& path) {
+  WorkFileReader reader(path);
+  std::string content(reader.left(), '\0');
+  reader.Read(content.data(), content.size());
+  if (!reader.IsWhole()) return std::nullopt;
+  return content;
+}
 
 void WriteEstimate(const std::filesystem::path& path, const EstimateState& estimate) {
   WriteMaps(path, estimate.planes, estimate.cost);
@@ -156,12 +148,6 @@ FinalMaps ReadFinalMaps(const std::filesystem::path& path) {
   ReadMaps(path, &maps.depth, &maps.normal, &maps.cost, &maps.confidence);
   return maps;
 }
-
-void WritePoints(const std::filesystem::path& path, const PointCloud& cloud) {
-  WritePieces(path, {{cloud.data(), cloud.size() * sizeof(SurfacePoint)}});
-}
-
-std::optional<PointCloud> ReadPoints(const std::filesystem::path& path) { return ReadContent<PointCloud>(path); }
 
 std::optional<uint32_t> ChecksumOfFile(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);

@@ -6,7 +6,6 @@
 
 #include "acmp_mapping/engine/depth_engine.h"
 #include "acmp_mapping/fusion/depth_fusion.h"
-#include "acmp_mapping/fusion/point_cloud.h"
 
 namespace acmp {
 
@@ -40,10 +39,6 @@ struct FinalMaps {
 void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps);
 /// Throws ProcessingError when the file is damaged.
 FinalMaps ReadFinalMaps(const std::filesystem::path& path);
-
-void WritePoints(const std::filesystem::path& path, const PointCloud& cloud);
-/// Nothing where the file is missing or damaged.
-std::optional<PointCloud> ReadPoints(const std::filesystem::path& path);
 
 /// CRC-32 of any file's content; nothing where it cannot be read.
 std::optional<uint32_t> ChecksumOfFile(const std::filesystem::path& path);

@@ -1,8 +1,7 @@
-#include "camera.h"
+#include "world.h"
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"

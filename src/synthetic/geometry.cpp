@@ -1,4 +1,4 @@
-#include "geometry.h"
+#include "world.h"
 
 #include <limits>
 #include <utility>

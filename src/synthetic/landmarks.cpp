@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <optional>
+#include <set>
+#include <utility>
 
 #include <tbb/parallel_for.h>
 
@@ -30,24 +33,23 @@ Vec3d PointInCamera(const CameraPose& pose, const Vec3d& point) {
 }
 
 // Pixel of a point when it is in view and nothing stands before it.
-bool Observes(const SyntheticWorld& world, const Rendering& view, const Vec3d& truth, int* col, int* row) {
+std::optional<Eigen::Vector2i> Observe(const SyntheticWorld& world, const Rendering& view, const Vec3d& truth) {
   constexpr double kTolerance_m = 1e-3;  // the point itself is hit at the same depth up to float rounding
   constexpr double kMinCosine = 0.2;     // flatter than 11 degrees no frontend matches it
   const Vec3d p = PointInCamera(view.pose, truth);
-  if (p.z <= 0) return false;
+  if (p.z <= 0) return std::nullopt;
   const int window = HalfWindow(view.camera);
   const double u = view.camera.fx * p.x / p.z + view.camera.cx;
   const double v = view.camera.fy * p.y / p.z + view.camera.cy;
-  if (u < window || v < window || u > view.camera.width - 1 - window || v > view.camera.height - 1 - window)
-    return false;
+  if (u < window || v < window || u > view.camera.width - 1 - window || v > view.camera.height - 1 - window) {
+    return std::nullopt;
+  }
   const Ray ray = {view.pose.center, truth - view.pose.center};
   const WorldHit hit = Trace(world, ray);
   const double distance = Norm(ray.direction);
-  if (hit.where.t * distance < distance - kTolerance_m) return false;
-  if (-Dot(hit.where.normal, ray.direction) < kMinCosine * distance) return false;
-  *col = static_cast<int>(std::floor(u + 0.5));
-  *row = static_cast<int>(std::floor(v + 0.5));
-  return true;
+  if (hit.where.t * distance < distance - kTolerance_m) return std::nullopt;
+  if (-Dot(hit.where.normal, ray.direction) < kMinCosine * distance) return std::nullopt;
+  return Eigen::Vector2i(static_cast<int>(std::floor(u + 0.5)), static_cast<int>(std::floor(v + 0.5)));
 }
 
 int Grey(const Rgb& c) { return (77 * c.r + 150 * c.g + 29 * c.b + 128) >> 8; }
@@ -82,54 +84,16 @@ bool OnTexturedSurface(const Rendering& view, int col, int row) {
   return true;
 }
 
-class LandmarkMaker {
- public:
-  LandmarkMaker(const SyntheticWorld& world, const std::vector<Rendering>& views, uint32_t seed)
-      : world_(world), views_(views), seed_(seed) {
-    for (size_t i = 0; i < views_.size(); ++i) AddCorners(i);
+// Adds the best corner of each cell of the image in which no earlier landmark is seen.
+void AddCorners(const SyntheticWorld& world, const Rendering& view, uint32_t seed, std::vector<Landmark>* landmarks) {
+  const int window = HalfWindow(view.camera), border = window + 1;
+  const int cell_px = std::max(2 * window, view.camera.width / kCellsAcross);
+  std::set<std::pair<int, int>> taken;  // column and row of the cell
+  for (const Landmark& landmark : *landmarks) {
+    const auto pixel = Observe(world, view, landmark.truth);
+    if (pixel) taken.insert({pixel->x() / cell_px, pixel->y() / cell_px});
   }
-
-  std::vector<std::vector<Eigen::Vector3d>> ObservedByView() const {
-    std::vector<std::vector<char>> seen(views_.size(), std::vector<char>(landmarks_.size()));
-    tbb::parallel_for(size_t{0}, views_.size(), [&](size_t view) {
-      int col, row;
-      for (size_t i = 0; i < landmarks_.size(); ++i)
-        seen[view][i] = Observes(world_, views_[view], landmarks_[i].truth, &col, &row);
-    });
-    const int min_views = views_.size() > 2 ? 3 : 2;
-    std::vector<std::vector<Eigen::Vector3d>> observed(views_.size());
-    for (size_t i = 0; i < landmarks_.size(); ++i) {
-      int count = 0;
-      for (const std::vector<char>& by_view : seen) count += by_view[i];
-      if (count < min_views) continue;
-      const Vec3d& p = landmarks_[i].mapped;
-      for (size_t view = 0; view < views_.size(); ++view) {
-        if (seen[view][i]) observed[view].emplace_back(p.x, p.y, p.z);
-      }
-    }
-    return observed;
-  }
-
- private:
-  void AddCorners(size_t view_index) {
-    const Rendering& view = views_[view_index];
-    const int cell_px = std::max(2 * HalfWindow(view.camera), view.camera.width / kCellsAcross);
-    const int cells_x = (view.camera.width + cell_px - 1) / cell_px;
-    const int cells_y = (view.camera.height + cell_px - 1) / cell_px;
-    std::vector<char> taken(static_cast<size_t>(cells_x) * cells_y);
-    for (const Landmark& landmark : landmarks_) {
-      int col, row;
-      if (Observes(world_, view, landmark.truth, &col, &row))
-        taken[static_cast<size_t>(row / cell_px) * cells_x + col / cell_px] = 1;
-    }
-    for (int cell = 0; cell < cells_x * cells_y; ++cell) {
-      if (!taken[cell]) AddBestCorner(view, cell % cells_x * cell_px, cell / cells_x * cell_px, cell_px);
-    }
-  }
-
-  void AddBestCorner(const Rendering& view, int first_col, int first_row, int cell_px) {
-    const int window = HalfWindow(view.camera);
-    const int border = window + 1;
+  const auto add_best_of = [&](int first_col, int first_row) {
     const int col_end = std::min(first_col + cell_px, view.camera.width - border);
     const int row_end = std::min(first_row + cell_px, view.camera.height - border);
     double best_score = kMinCornerScore;
@@ -145,24 +109,42 @@ class LandmarkMaker {
     }
     if (best_col < 0) return;
     const Ray ray = PixelRay(view.camera, view.pose, best_col, best_row);
-    const Vec3d truth = ray.origin + Trace(world_, ray).where.t * ray.direction;
-    RandomStream random(seed_, static_cast<uint32_t>(landmarks_.size()), 0x1a4d);
+    const Vec3d truth = ray.origin + Trace(world, ray).where.t * ray.direction;
+    RandomStream random(seed, static_cast<uint32_t>(landmarks->size()), 0x1a4d);
     const Vec3d error = {BellNoise(&random, kNoise_m), BellNoise(&random, kNoise_m),
                          BellNoise(&random, kNoise_m)};  // braces fix the order of draws
-    landmarks_.push_back({truth, truth + error});
+    landmarks->push_back({truth, truth + error});
+  };
+  for (int row = 0; row < view.camera.height; row += cell_px) {
+    for (int col = 0; col < view.camera.width; col += cell_px) {
+      if (taken.count({col / cell_px, row / cell_px}) == 0) add_best_of(col, row);
+    }
   }
-
-  const SyntheticWorld& world_;
-  const std::vector<Rendering>& views_;
-  uint32_t seed_;
-  std::vector<Landmark> landmarks_;
-};
+}
 
 }  // namespace
 
 std::vector<std::vector<Eigen::Vector3d>> MakeLandmarks(const SyntheticWorld& world,
                                                         const std::vector<Rendering>& views, uint32_t seed) {
-  return LandmarkMaker(world, views, seed).ObservedByView();
+  std::vector<Landmark> landmarks;
+  for (const Rendering& view : views) AddCorners(world, view, seed, &landmarks);
+  std::vector<std::vector<char>> seen(views.size(), std::vector<char>(landmarks.size()));
+  tbb::parallel_for(size_t{0}, views.size(), [&](size_t view) {
+    for (size_t i = 0; i < landmarks.size(); ++i) {
+      seen[view][i] = Observe(world, views[view], landmarks[i].truth) ? 1 : 0;
+    }
+  });
+  const int min_views = views.size() > 2 ? 3 : 2;
+  std::vector<std::vector<Eigen::Vector3d>> observed(views.size());
+  for (size_t i = 0; i < landmarks.size(); ++i) {
+    int count = 0;
+    for (const std::vector<char>& by_view : seen) count += by_view[i];
+    const Vec3d& p = landmarks[i].mapped;
+    for (size_t view = 0; view < views.size() && count >= min_views; ++view) {
+      if (seen[view][i]) observed[view].emplace_back(p.x, p.y, p.z);
+    }
+  }
+  return observed;
 }
 
 }  // namespace acmp

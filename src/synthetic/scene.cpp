@@ -13,7 +13,6 @@
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/geometry/voxel.h"
-#include "camera.h"
 #include "world.h"
 
 namespace acmp {

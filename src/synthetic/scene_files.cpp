@@ -5,12 +5,10 @@
 #include <cstdio>
 #include <limits>
 #include <map>
-#include <memory>
 #include <sstream>
 #include <string>
 #include <tuple>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/colmap_workspace.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"

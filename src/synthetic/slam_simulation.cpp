@@ -3,7 +3,7 @@
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
-#include "texture.h"
+#include "world.h"
 
 namespace acmp {
 namespace {

@@ -1,4 +1,4 @@
-#include "texture.h"
+#include "world.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,6 +1,5 @@
 // acmp_make_bag: turns a dataset folder, or the built-in synthetic room, into a recorded bag.
 
-#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <numeric>

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <string>
-#include <vector>
 
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/scene.h"

@@ -187,56 +187,50 @@ TEST(LowTextureMask, AgreesWithAPlainReference) {
 }
 
 namespace fs = std::filesystem;
-using testing::ElementsAre;
 
-/// Folders of the images 0, 1 and 7: P100.jpg, P200.jpg and P300.jpg.
 class EvaluateInputsTest : public TestFolder {
  protected:
-  void Touch(const std::vector<std::string>& names) const {
-    for (const std::string& name : names) WriteText(name, "x");
+  PredictionIndex Find(const std::string& name = "") const {
+    return FindPredictions(folder(), {{0, "P100.jpg"}, {1, "P200.jpg"}, {7, "P300.jpg"}}, name);
   }
-  PredictionIndex Find(const std::string& name = "") const { return FindPredictions(folder(), images_, name); }
-  /// "0: FILE, 7: FILE": of the images that have one.
-  std::string Found(const std::string& name = "") const {
-    std::string found;
-    for (const auto& [image, path] : Find(name).files) {
-      found += Concat(found.empty() ? "" : ", ", image, ": ", fs::relative(path, folder()).string());
-    }
-    return found;
-  }
-
-  const std::vector<ListedImage> images_ = {{0, "P100.jpg"}, {1, "P200.jpg"}, {7, "P300.jpg"}};
 };
 
-TEST_F(EvaluateInputsTest, TakesFilesByIndexOrByTheImagesOwnStem) {
-  Touch({"depth_0007.png", "P100.dmb", "00000001.DMB", "000001_normal.txt"});
-  EXPECT_EQ(Found(), "0: P100.dmb, 1: 00000001.DMB, 7: depth_0007.png");
-}
-
-TEST_F(EvaluateInputsTest, TheOwnStemGoesBeforeTheIndexAndTheFirstFileBeforeLaterOnes) {
-  Touch({"0.dmb", "P100.dmb", "a_1.dmb", "b_1.dmb"});
-  EXPECT_EQ(Found(), "0: P100.dmb, 1: a_1.dmb");
-  EXPECT_EQ(Found("^b_"), "1: b_1.dmb");
-}
-
-TEST_F(EvaluateInputsTest, PrefersPfmAndSaysSo) {
-  Touch({"000000.pfm", "000000.png", "000001.png", "000007.png", "000007.dmb"});
-  EXPECT_EQ(Found(), "0: 000000.pfm, 1: 000001.png, 7: 000007.dmb");
-  EXPECT_THAT(Find().notes, ElementsAre(HasSubstr("2 maps left aside")));
-}
-
-TEST_F(EvaluateInputsTest, ReadsTheOutputOfThePublicProgram) {
-  Touch({"2333_00000000/depths.dmb", "2333_00000000/depths_geom.dmb", "2333_00000007/depths.dmb",
-         "2333_00000001/normals.dmb"});
-  EXPECT_EQ(Found(), "0: 2333_00000000/depths_geom.dmb, 7: 2333_00000007/depths.dmb");
-  EXPECT_EQ(Found("depths.dmb"), "0: 2333_00000000/depths.dmb, 7: 2333_00000007/depths.dmb");
+TEST_F(EvaluateInputsTest, WhichFileIsWhoseMap) {
+  struct Case {
+    std::vector<std::string> files;
+    std::string name, found;  ///< "0: FILE, 7: FILE": of the images that have one
+  };
+  const std::vector<std::string> of_program = {"2333_00000000/depths.dmb", "2333_00000000/depths_geom.dmb",
+                                               "2333_00000007/depths.dmb", "2333_00000001/normals.dmb"};
+  for (const Case& c : std::vector<Case>{
+           // By index or by the image's own stem, which goes before it, and the first file before later ones.
+           {{"depth_0007.png", "P100.dmb", "00000001.DMB", "000001_normal.txt"},
+            "",
+            "0: P100.dmb, 1: 00000001.DMB, 7: depth_0007.png"},
+           {{"0.dmb", "P100.dmb", "a_1.dmb", "b_1.dmb"}, "", "0: P100.dmb, 1: a_1.dmb"},
+           {{"0.dmb", "P100.dmb", "a_1.dmb", "b_1.dmb"}, "^b_", "1: b_1.dmb"},
+           // The output of the public program.
+           {of_program, "", "0: 2333_00000000/depths_geom.dmb, 7: 2333_00000007/depths.dmb"},
+           {of_program, "depths.dmb", "0: 2333_00000000/depths.dmb, 7: 2333_00000007/depths.dmb"},
+           {{"000000.pfm", "000000.png", "000001.png", "000007.png", "000007.dmb"},
+            "",
+            "0: 000000.pfm, 1: 000001.png, 7: 000007.dmb"}}) {
+    for (const auto& entry : fs::directory_iterator(folder())) fs::remove_all(entry);
+    for (const std::string& file : c.files) WriteText(file, "x");
+    std::string found;
+    for (const auto& [image, path] : Find(c.name).files) {
+      found += Concat(found.empty() ? "" : ", ", image, ": ", fs::relative(path, folder()).string());
+    }
+    EXPECT_EQ(found, c.found);
+  }
+  EXPECT_THAT(Find().notes, testing::ElementsAre(HasSubstr("2 maps left aside")));
 }
 
 TEST_F(EvaluateInputsTest, RefusesFoldersWithoutAnyMapOfTheScene) {
   EXPECT_THROW(Find(), InvalidInputError);
-  Touch({"000003.pfm"});  // not an image of the scene
+  WriteText("000003.pfm", "x");  // not an image of the scene
   EXPECT_THROW(Find(), InvalidInputError);
-  EXPECT_THROW(FindPredictions(folder() / "missing", images_, ""), InvalidInputError);
+  EXPECT_THROW(FindPredictions(folder() / "missing", {}, ""), InvalidInputError);
   EXPECT_THROW(Find("("), InvalidInputError);
 }
 

@@ -12,7 +12,9 @@
 #ifdef ACMP_FUZZ  // libFuzzer has a program for each target, which this names
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   static const acmp::fuzz::Target target = acmp::fuzz::Targets().at(ACMP_FUZZ);
-  return target(data, size);
+  const acmp::fuzz::Bytes bytes({reinterpret_cast<const char*>(data), size});
+  acmp::fuzz::MayRefuse([&] { target(bytes); });
+  return 0;
 }
 #else
 int main(int argc, char** argv) {
@@ -29,7 +31,7 @@ int main(int argc, char** argv) {
       std::fflush(stdout);  // the last line names the file that ended the program
       std::ifstream stream(entry.path(), std::ios::binary);
       const std::string content{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-      target->second(reinterpret_cast<const uint8_t*>(content.data()), content.size());
+      acmp::fuzz::MayRefuse([&] { target->second(acmp::fuzz::Bytes(content)); });
       ++files;
     }
   }

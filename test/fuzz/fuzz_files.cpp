@@ -1,6 +1,7 @@
 // Readers of files.
 
-#include <array>
+#include <string>
+#include <vector>
 
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
@@ -13,130 +14,87 @@
 namespace acmp {
 namespace {
 
-/// A scene's folder with two images of 8 x 6 pixels, images/00000000.png and 00000001.png.
-class SceneFolder : public fuzz::Folder {
- public:
-  SceneFolder() {
-    std::filesystem::create_directory(path() / "images");
-    for (const char* name : {"00000000.png", "00000001.png"}) WritePng(path() / "images" / name, ColorImage(8, 6));
+/// Reads files of these names, the parts of the input, as a scene with two images of 8 x 6 pixels, and loads these.
+void ReadSceneOf(const std::vector<std::string>& names, SceneFormat format, fuzz::Bytes* bytes) {
+  std::filesystem::create_directory(fuzz::Folder() / "images");
+  for (const char* name : {"00000000.png", "00000001.png"}) {
+    const auto path = fuzz::Folder() / "images" / name;
+    if (!std::filesystem::exists(path)) WritePng(path, ColorImage(8, 6));
   }
-
-  /// Writes the parts of the input as files of these names, reads them as a scene and loads its images.
-  int Read(const uint8_t* data, size_t size, const std::array<const char*, 3>& names, SceneFormat format) const {
-    const auto parts = fuzz::Parts(data, size, names.size());
-    for (size_t i = 0; i < names.size(); ++i) Write(names[i], parts[i]);
-    fuzz::MayRefuse([&] {
-      const Scene scene = ReadScene(path(), format);
-      for (size_t i = 0; i < scene.images.size(); ++i) {
-        LandmarksOf(scene, scene.images[i]);
-        fuzz::MayRefuse([&] { LoadFrame(scene, static_cast<int>(i)); });
-      }
-    });
-    return 0;
+  for (const std::string& name : names) fuzz::Write(name, bytes->TakePart());
+  const Scene scene = ReadScene(fuzz::Folder(), format);
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    LandmarksOf(scene, scene.images[i]);
+    fuzz::MayRefuse([&] { LoadFrame(scene, static_cast<int>(i)); });
   }
-};
+}
 
 /// A scene's cameras.txt.
-ACMP_FUZZ_TARGET(camera_list) {
-  static const fuzz::Folder folder;
-  const auto path = folder.Write("cameras.txt", fuzz::Bytes(data, size).Rest());
-  fuzz::MayRefuse([&] { ReadCameraList(path); });
-  return 0;
-}
+ACMP_FUZZ_TARGET(camera_list) { ReadCameraList(fuzz::Write("cameras.txt", bytes.Rest())); }
 
 /// The index of a cloud in tiles, beside one tile.
 ACMP_FUZZ_TARGET(cloud_tiles) {
-  static const fuzz::Folder folder;
-  WritePly(folder.path() / "0_0_0.ply", PointCloud(2));
-  folder.Write("index.json", fuzz::Bytes(data, size).Rest());
-  fuzz::MayRefuse([&] { ReadCloud(folder.path(), 1); });
-  return 0;
+  WritePly(fuzz::Folder() / "0_0_0.ply", PointCloud(2));
+  ReadCloud(fuzz::Write("index.json", bytes.Rest()), 1);
 }
 
-/// A COLMAP model, binary: cameras.bin, images.bin, points3D.bin.
 ACMP_FUZZ_TARGET(colmap_binary) {
-  static const SceneFolder folder;
-  return folder.Read(data, size, {"sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin"},
-                     SceneFormat::kColmap);
+  ReadSceneOf({"sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin"}, SceneFormat::kColmap, &bytes);
 }
 
-/// A COLMAP model, text: cameras.txt, images.txt, points3D.txt.
 ACMP_FUZZ_TARGET(colmap_text) {
-  static const SceneFolder folder;
-  return folder.Read(data, size, {"sparse/cameras.txt", "sparse/images.txt", "sparse/points3D.txt"},
-                     SceneFormat::kColmap);
+  ReadSceneOf({"sparse/cameras.txt", "sparse/images.txt", "sparse/points3D.txt"}, SceneFormat::kColmap, &bytes);
 }
 
 /// PFM and DMB files.
 ACMP_FUZZ_TARGET(float_map) {
-  static const fuzz::Folder folder;
-  const std::string_view content = fuzz::Bytes(data, size).Rest();
-  const auto pfm = folder.Write("map.pfm", content);
-  const auto dmb = folder.Write("map.dmb", content);
+  const std::string_view content = bytes.Rest();
+  const auto pfm = fuzz::Write("map.pfm", content), dmb = fuzz::Write("map.dmb", content);
   fuzz::MayRefuse([&] { ReadDepth(pfm); });
   fuzz::MayRefuse([&] { ReadPfmNormals(pfm); });
-  fuzz::MayRefuse([&] { ReadDepth(dmb); });
-  return 0;
+  ReadDepth(dmb);
 }
 
 /// A PNG or JPEG file as picture, as mask and as 16-bit depth.
 ACMP_FUZZ_TARGET(image) {
   constexpr int kLargeSide = 1024;  // what announces more takes memory and time, as it may
-  static const fuzz::Folder folder;
-  const std::string_view content = fuzz::Bytes(data, size).Rest();
-  fuzz::MayRefuse([&] {
-    const ImageSize image = EncodedImageSize("image", content);
-    const auto path = folder.Write("image.png", content);
-    fuzz::MayRefuse([&] { ReadColorImage(path, {8, 6}); });
-    if (image.width > kLargeSide || image.height > kLargeSide) return;
-    fuzz::MayRefuse([&] { ReadMask(path); });
-    ReadDepth(path);
-  });
-  return 0;
+  const std::string_view content = bytes.Rest();
+  const ImageSize image = EncodedImageSize("image", content);
+  const auto path = fuzz::Write("image.png", content);
+  fuzz::MayRefuse([&] { ReadColorImage(path, {8, 6}); });
+  if (image.width > kLargeSide || image.height > kLargeSide) return;
+  fuzz::MayRefuse([&] { ReadMask(path); });
+  ReadDepth(path);
 }
 
-/// The MVSNet layout: pair.txt, cams/00000000_cam.txt, cams/00000001_cam.txt.
 ACMP_FUZZ_TARGET(mvsnet) {
-  static const SceneFolder folder;
-  return folder.Read(data, size, {"pair.txt", "cams/00000000_cam.txt", "cams/00000001_cam.txt"}, SceneFormat::kMvsnet);
+  ReadSceneOf({"pair.txt", "cams/00000000_cam.txt", "cams/00000001_cam.txt"}, SceneFormat::kMvsnet, &bytes);
 }
 
-/// A PLY cloud.
-ACMP_FUZZ_TARGET(ply) {
-  static const fuzz::Folder folder;
-  const auto path = folder.Write("cloud.ply", fuzz::Bytes(data, size).Rest());
-  fuzz::MayRefuse([&] { ReadPly(path); });
-  return 0;
-}
+ACMP_FUZZ_TARGET(ply) { ReadPlyMesh(fuzz::Write("cloud.ply", bytes.Rest())); }
 
 /// What an earlier run left in its folder: run.txt, files.txt, summary.json.
 ACMP_FUZZ_TARGET(output_folder) {
-  static const fuzz::Folder folder;
-  const auto parts = fuzz::Parts(data, size, 3);
+  const std::string_view record = bytes.TakePart(), list = bytes.TakePart(), summary = bytes.TakePart();
   for (const bool overwrite : {false, true}) {
-    folder.Write("run.txt", parts[0]);
-    folder.Write("files.txt", parts[1]);
-    folder.Write("summary.json", parts[2]);
-    fuzz::MayRefuse([&] { OutputFolder(folder.path(), {{"preset", "acmp"}}, overwrite); });
+    fuzz::Write("run.txt", record);
+    fuzz::Write("files.txt", list);
+    fuzz::Write("summary.json", summary);
+    fuzz::MayRefuse([&] { OutputFolder(fuzz::Folder(), {{"preset", "acmp"}}, overwrite); });
   }
-  return 0;
 }
 
 /// Work files of an interrupted run: as a whole, and as the content of one that is whole.
 ACMP_FUZZ_TARGET(work_file) {
-  static const fuzz::Folder folder;
-  const std::string_view content = fuzz::Bytes(data, size).Rest();
-  const auto path = folder.Write("work_file", content);
-  const auto read = [&path] {
+  const std::string_view content = bytes.Rest();
+  const auto path = fuzz::Write("work_file", content);
+  for (const bool whole : {false, true}) {
+    if (whole) WriteWorkFile(path, std::string(content));
     CheckWorkFile(path);
-    ReadPoints(path);
+    ReadWorkFile(path);
     fuzz::MayRefuse([&] { ReadEstimate(path); });
     fuzz::MayRefuse([&] { ReadFinalMaps(path); });
-  };
-  read();
-  WriteWorkFile(path, std::string(content));
-  read();
-  return 0;
+  }
 }
 
 }  // namespace

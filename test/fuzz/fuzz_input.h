@@ -11,7 +11,6 @@
 #include <map>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "acmp_mapping/common/error.h"
 
@@ -19,32 +18,10 @@
 /// crash, in a result or in one of our two errors: any other exception is a finding.
 namespace acmp::fuzz {
 
-using Target = int (*)(const uint8_t* data, size_t size);
-
-/// Of this program, by name.
-inline std::map<std::string, Target>& Targets() {
-  static std::map<std::string, Target> targets;
-  return targets;
-}
-
-struct Registration {
-  Registration(const char* name, Target target) { Targets()[name] = target; }
-};
-
-/// Runs what may refuse its input.
-template <class Read>
-void MayRefuse(const Read& read) {
-  try {
-    read();
-  } catch (const InvalidInputError&) {
-  } catch (const ProcessingError&) {
-  }
-}
-
 /// Takes values from the front of an input; at its end zeros and empty texts.
 class Bytes {
  public:
-  Bytes(const uint8_t* data, size_t size) : rest_(reinterpret_cast<const char*>(data), size) {}
+  explicit Bytes(std::string_view input) : rest_(input) {}
 
   template <class T>
   T Take() {
@@ -58,6 +35,13 @@ class Bytes {
   std::string TakeText() { return std::string(Front(Take<uint8_t>())); }
   /// 16 bits; not more than there are, of so many bytes each.
   size_t TakeCount(size_t bytes) { return std::min<size_t>(Take<uint16_t>(), rest_.size() / bytes); }
+  /// Up to a line "%%", or the end: the content of one of several files.
+  std::string_view TakePart() {
+    constexpr std::string_view kSeparator = "\n%%\n";
+    const std::string_view part = Front(rest_.find(kSeparator));
+    Front(kSeparator.size());
+    return part;
+  }
   std::string_view Rest() { return Front(rest_.size()); }
 
  private:
@@ -70,49 +54,57 @@ class Bytes {
   std::string_view rest_;
 };
 
-/// The parts of an input between lines "%%", the contents of the files of one folder; as many as asked for.
-inline std::vector<std::string_view> Parts(const uint8_t* data, size_t size, size_t count) {
-  constexpr std::string_view kSeparator = "\n%%\n";
-  std::string_view rest(reinterpret_cast<const char*>(data), size);
-  std::vector<std::string_view> parts(count);
-  for (std::string_view& part : parts) {
-    const size_t end = std::min(rest.find(kSeparator), rest.size());
-    part = rest.substr(0, end);
-    rest.remove_prefix(std::min(end + kSeparator.size(), rest.size()));
-  }
-  return parts;
+using Target = void (*)(Bytes bytes);
+
+/// Of this program, by name.
+inline std::map<std::string, Target>& Targets() {
+  static std::map<std::string, Target> targets;
+  return targets;
 }
 
-/// A folder for the files that a reader is given, of this process alone and gone at its end.
-class Folder {
- public:
-  Folder() : path_((std::filesystem::temp_directory_path() / "acmp_fuzz_XXXXXX").string()) {
-    if (!mkdtemp(path_.data())) std::abort();
-  }
-  ~Folder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-
-  /// Returns the file's path.
-  std::filesystem::path Write(const std::string& name, std::string_view content) const {
-    std::filesystem::path path = std::filesystem::path(path_) / name;
-    std::filesystem::create_directories(path.parent_path());
-    std::ofstream(path, std::ios::binary).write(content.data(), static_cast<std::streamsize>(content.size()));
-    return path;
-  }
-  std::filesystem::path path() const { return path_; }
-
- private:
-  std::string path_;
+struct Registration {
+  Registration(const char* name, Target target) { Targets()[name] = target; }
 };
+
+/// Runs what may refuse its input, as a target may.
+template <class Read>
+void MayRefuse(const Read& read) {
+  try {
+    read();
+  } catch (const InvalidInputError&) {
+  } catch (const ProcessingError&) {
+  }
+}
+
+/// A folder for the files that readers are given, of this process alone and gone at its end.
+inline const std::filesystem::path& Folder() {
+  static const struct Temporary {
+    Temporary() {
+      std::string name = (std::filesystem::temp_directory_path() / "acmp_fuzz_XXXXXX").string();
+      if (!mkdtemp(name.data())) std::abort();
+      path = name;
+    }
+    ~Temporary() {
+      std::error_code ignored;
+      std::filesystem::remove_all(path, ignored);
+    }
+    std::filesystem::path path;
+  } folder;
+  return folder.path;
+}
+
+/// Writes a file there. Returns its path.
+inline std::filesystem::path Write(const std::string& name, std::string_view content) {
+  std::filesystem::path path = Folder() / name;
+  std::filesystem::create_directories(path.parent_path());
+  std::ofstream(path, std::ios::binary).write(content.data(), static_cast<std::streamsize>(content.size()));
+  return path;
+}
 
 }  // namespace acmp::fuzz
 
-/// The head of a target's function of `data` and `size`, within a source file alone.
+/// The head of a target's function of `bytes`, within a source file alone.
 #define ACMP_FUZZ_TARGET(name)                                                         \
-  static int FuzzTarget_##name(const uint8_t* data, size_t size);                      \
+  static void FuzzTarget_##name(acmp::fuzz::Bytes bytes);                              \
   static const acmp::fuzz::Registration registration_##name(#name, FuzzTarget_##name); \
-  static int FuzzTarget_##name(const uint8_t* data, size_t size)
+  static void FuzzTarget_##name(acmp::fuzz::Bytes bytes)

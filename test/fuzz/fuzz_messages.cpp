@@ -9,7 +9,6 @@
 #include <boost/make_shared.hpp>
 #include <type_traits>
 
-#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
@@ -49,6 +48,9 @@ struct AnyValues {
   fuzz::Bytes* bytes;
 };
 
+constexpr int kLargeSide = 64;  // of an image: larger ones take memory and time
+const PinholeCamera kSmallCamera = {8, 6};
+
 template <class Message>
 boost::shared_ptr<Message> Take(fuzz::Bytes* bytes) {
   const auto message = boost::make_shared<Message>();
@@ -58,18 +60,12 @@ boost::shared_ptr<Message> Take(fuzz::Bytes* bytes) {
 
 /// A calibration file; the first byte says whether it is .yaml or .ini.
 ACMP_FUZZ_TARGET(calibration_file) {
-  static const fuzz::Folder folder;
-  fuzz::Bytes bytes(data, size);
   const char* name = bytes.Take<char>() == 'i' ? "camera.ini" : "camera.yaml";
-  const auto path = folder.Write(name, bytes.Rest());
-  fuzz::MayRefuse([&] { ToCalibration(ReadCalibrationFile(path.string()), false); });
-  return 0;
+  ToCalibration(ReadCalibrationFile(fuzz::Write(name, bytes.Rest()).string()), false);
 }
 
 /// A CameraInfo, the undistortion of an image and a mask by it, and the faces of its lens.
 ACMP_FUZZ_TARGET(camera_info) {
-  constexpr int kLargeSide = 64;  // larger ones take memory and time
-  fuzz::Bytes bytes(data, size);
   const auto info = Take<sensor_msgs::CameraInfo>(&bytes);
   for (const bool rectified : {false, true}) {
     fuzz::MayRefuse([&] {
@@ -83,29 +79,18 @@ ACMP_FUZZ_TARGET(camera_info) {
       if (FacesOf(lens).empty()) std::abort();  // the mapper takes the first one
     });
   }
-  return 0;
 }
 
 /// An Image and a CompressedImage, of the camera's size or of any.
 ACMP_FUZZ_TARGET(image_message) {
-  fuzz::Bytes bytes(data, size);
-  PinholeCamera camera;
-  camera.width = 8;
-  camera.height = 6;
-  if (bytes.TakeBool()) {
-    const auto raw = Take<sensor_msgs::Image>(&bytes);
-    fuzz::MayRefuse([&] { DecodeRgb({raw, nullptr}, &camera); });
-  } else {
-    const auto compressed = Take<sensor_msgs::CompressedImage>(&bytes);
-    fuzz::MayRefuse([&] { DecodeRgb({nullptr, compressed}, &camera); });
-  }
-  return 0;
+  const bool is_raw = bytes.TakeBool();
+  const auto raw = is_raw ? Take<sensor_msgs::Image>(&bytes) : nullptr;
+  const auto compressed = is_raw ? nullptr : Take<sensor_msgs::CompressedImage>(&bytes);
+  DecodeRgb({raw, compressed}, &kSmallCamera);
 }
 
 /// A whole Keyframe through the intake and what the worker does with its image.
 ACMP_FUZZ_TARGET(keyframe) {
-  constexpr int kLargeSide = 64;  // larger ones take memory and time
-  fuzz::Bytes bytes(data, size);
   NodeOptions options;
   options.keyframe_mode = KeyframeMode::kExternal;
   KeyframeIntake intake(options, {}, 0);
@@ -120,12 +105,10 @@ ACMP_FUZZ_TARGET(keyframe) {
     if (camera.width > kLargeSide || camera.height > kLargeSide) continue;
     fuzz::MayRefuse([&] { Rectifier(input->calibration->MakeLens()).Rectify(DecodeRgb(*input->image, &camera)); });
   }
-  return 0;
 }
 
 /// Two KeyframePoints and an optimized_path into a map, as map_server does.
 ACMP_FUZZ_TARGET(keyframe_points) {
-  fuzz::Bytes bytes(data, size);
   MapStore map({});
   for (int i = 0; i < 2; ++i) {
     const auto message = Take<acmp_mapping::KeyframePoints>(&bytes);
@@ -151,50 +134,30 @@ ACMP_FUZZ_TARGET(keyframe_points) {
   });
   fuzz::MayRefuse([&] { map.WorldCloud(); });  // also what is too far away for its voxels
   map.Path();
-  return 0;
 }
 
 /// A mask for a camera of 8 x 6 pixels.
-ACMP_FUZZ_TARGET(mask_message) {
-  fuzz::Bytes bytes(data, size);
-  const auto message = Take<sensor_msgs::Image>(&bytes);
-  PinholeCamera camera;
-  camera.width = 8;
-  camera.height = 6;
-  fuzz::MayRefuse([&] { DecodeMask(*ToMaskSample(message).image, camera); });
-  return 0;
-}
+ACMP_FUZZ_TARGET(mask_message) { DecodeMask(*ToMaskSample(Take<sensor_msgs::Image>(&bytes)).image, kSmallCamera); }
 
 /// A PointCloud2 as sparse points and as points of a keyframe.
 ACMP_FUZZ_TARGET(point_cloud) {
-  fuzz::Bytes bytes(data, size);
   const auto cloud = Take<sensor_msgs::PointCloud2>(&bytes);
   fuzz::MayRefuse([&] { ToSparseCloud(*cloud); });
-  fuzz::MayRefuse([&] { ToPointCloud(*cloud); });
-  return 0;
+  ToPointCloud(*cloud);
 }
 
 /// One of the messages that bring poses, or points of the older message for clouds; the first byte says which.
 ACMP_FUZZ_TARGET(pose) {
-  fuzz::Bytes bytes(data, size);
   const int kind = bytes.Take<uint8_t>();
-  fuzz::MayRefuse([&] {
-    if (kind == 0) ToPoseSample(*Take<geometry_msgs::PoseStamped>(&bytes));
-    if (kind == 1) ToPoseSample(*Take<geometry_msgs::PoseWithCovarianceStamped>(&bytes));
-    if (kind == 2) ToPoseSample(*Take<nav_msgs::Odometry>(&bytes));
-    if (kind == 3) ToPoseSample(*Take<geometry_msgs::TransformStamped>(&bytes));
-    if (kind == 4) ToSparseCloud(*Take<sensor_msgs::PointCloud>(&bytes));
-  });
-  return 0;
+  if (kind == 0) ToPoseSample(*Take<geometry_msgs::PoseStamped>(&bytes));
+  if (kind == 1) ToPoseSample(*Take<geometry_msgs::PoseWithCovarianceStamped>(&bytes));
+  if (kind == 2) ToPoseSample(*Take<nav_msgs::Odometry>(&bytes));
+  if (kind == 3) ToPoseSample(*Take<geometry_msgs::TransformStamped>(&bytes));
+  if (kind == 4) ToSparseCloud(*Take<sensor_msgs::PointCloud>(&bytes));
 }
 
 /// Depth from outside.
-ACMP_FUZZ_TARGET(prior_depth_message) {
-  fuzz::Bytes bytes(data, size);
-  const auto message = Take<sensor_msgs::Image>(&bytes);
-  fuzz::MayRefuse([&] { DecodePriorDepth(*ToPriorDepthSample(message).image); });
-  return 0;
-}
+ACMP_FUZZ_TARGET(prior_depth_message) { DecodePriorDepth(*ToPriorDepthSample(Take<sensor_msgs::Image>(&bytes)).image); }
 
 }  // namespace
 }  // namespace acmp

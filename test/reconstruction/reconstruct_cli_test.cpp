@@ -3,16 +3,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <iomanip>
 #include <sstream>
 #include <thread>
-#include <vector>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/mesh/distance_volume.h"
 #include "reconstruction/scene_fixture.h"

@@ -3,8 +3,6 @@
 #include "acmp_mapping/reconstruction/reconstruct.h"
 
 #include <cstring>
-#include <functional>
-#include <memory>
 #include <string>
 #include <utility>
 #include <vector>

@@ -53,6 +53,12 @@ class StagesTest : public ReconstructRunFixture {
     return tasks;
   }
 
+  void PlanAfresh() {
+    options_.overwrite = true;
+    Plan();
+    options_.overwrite = false;
+  }
+
   void Stage(const std::string& stage, const std::string& images, FakeMatcher* matcher, StopRequest* watcher) {
     const ReconstructOptions before = options_;
     options_.stage = stage;
@@ -258,9 +264,7 @@ TEST_F(StagesTest, RefuseWhatIsNotPlannedOrHasChanged) {
   options_.plan = folder() / "plan.json";
   EXPECT_THAT(Error(), HasSubstr("holds an interrupted run of one process"));
   options_.plan.clear();
-  options_.overwrite = true;
-  Plan();
-  options_.overwrite = false;
+  PlanAfresh();
   EXPECT_THAT(StageError("step_9", "0"), HasSubstr("--stage step_9: must be one of step_0, "));
   EXPECT_THAT(StageError("step_0", ""), HasSubstr("--images"));
   EXPECT_THAT(StageError("step_0", "77"), HasSubstr("[0, 8]"));
@@ -329,28 +333,20 @@ TEST_F(StagesTest, OfOneProcessFollowImagesAndPlansThatChange) {
            {"step_0 0-1",
             [&] {
               ChangeImage1();
-              options_.overwrite = true;
-              Plan();
-              options_.overwrite = false;
+              PlanAfresh();
               matcher.calls.clear();
             }}},
           &matcher);
-  options_.overwrite = true;
-  Plan();
-  options_.overwrite = false;
+  PlanAfresh();
   Stage("step_0", "0-1", &other);
   EXPECT_EQ(Results(matcher), Results(other));
 
   const auto plan_less = [&] {
-    const ReconstructOptions before = options_;
     options_.images = "0-6";
-    options_.overwrite = true;
-    PlanFile();
-    options_ = before;
+    PlanAfresh();
+    options_.images.clear();
   };
-  options_.overwrite = true;
-  Plan();
-  options_.overwrite = false;
+  PlanAfresh();
   other.calls.clear();
   DoLines({{"step_0 6-7"},  // both match image 8
            {"step_0 6",

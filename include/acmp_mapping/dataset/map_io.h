@@ -74,13 +74,8 @@ class PlyFile {
   /// @param origin as for WritePly
   explicit PlyFile(const std::filesystem::path& path, Durability durability = Durability::kPowerCut,
                    const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
-  /// Sets aside the places of so many points, after those of earlier calls. Returns the number of the first point. By
-  /// one thread at a time.
-  size_t Reserve(size_t points);
-  /// Fills places that were set aside. Several threads may fill different ones at once.
-  /// @param first number of the first point
-  void WriteAt(size_t first, const PointCloud& points);
-  /// Once all places are filled. Without it there is no file.
+  void Append(const PointCloud& points);
+  /// Without it there is no file.
   void Commit();
   size_t points() const { return points_; }
 
@@ -90,7 +85,7 @@ class PlyFile {
   AtomicFile file_;
   const Eigen::Vector3d origin_;
   size_t points_ = 0;
-  size_t header_bytes_;
+  size_t end_;  ///< of what is written
 };
 /// Where the coordinates of clouds begin that are read to be compared: chosen by the first point that is read
 /// (LocalOrigin), so that those of UTM or geocentric coordinates keep their millimetres.
@@ -102,20 +97,14 @@ Vec3f FromOrigin(const Eigen::Vector3d& position, ReadOrigin* origin);
 /// @param origin null: the world's
 PointCloud ReadPly(const std::filesystem::path& path, ReadOrigin* origin = nullptr);
 
-/// Vertices as the points of the cloud above, then faces as lists of three vertices.
-void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh,
-                  const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
 /// As ReadPly, with the faces if they are the element after the vertices; those of more corners are cut into triangles.
 TriangleMesh ReadPlyMesh(const std::filesystem::path& path, ReadOrigin* origin = nullptr);
-
-/// Wavefront OBJ: vertices (v x y z red green blue, colours 0..1, which many programs read), normals and triangles.
-void WriteObj(const std::filesystem::path& path, const TriangleMesh& mesh,
-              const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
 
 enum class MeshFormat { kPly, kObj };
 /// By extension, .ply or .obj, of any case; throws InvalidInputError for another one.
 MeshFormat MeshFormatOf(const std::filesystem::path& path);
-/// Throws InvalidInputError for a mesh without triangles.
+/// Writes PLY, the points of a cloud and faces, or Wavefront OBJ, with the vertices' colours. Throws InvalidInputError
+/// for a mesh without triangles.
 /// @param origin as for WritePly
 void WriteMesh(const std::filesystem::path& path, const TriangleMesh& mesh, MeshFormat format,
                const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());

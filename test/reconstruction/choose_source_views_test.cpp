@@ -47,17 +47,19 @@ std::vector<int> AmongAll(const Scene& scene, int index, int max_sources) {
   return sources;
 }
 
-TEST(SourceCandidatesTest, ChooseWhatWouldBeChosenAmongAllPairs) {
+TEST(ChooseSourceViewsTest, AsAmongAllPairs) {
   unsigned seed = 1;
   for (const auto& [width, length] : {std::pair(3.0, 1500.0), {400.0, 400.0}, {1.0, 1.0}, {0.0, 0.0}}) {
     for (const int max_sources : {1, 10, 32}) {
       const Scene scene = RandomScene(600, width, length, seed++);
       std::vector<int> indices(scene.images.size());
       for (size_t i = 0; i < indices.size(); ++i) indices[i] = static_cast<int>(i);
-      const SourceCandidates candidates(scene, indices);
-      for (int index = 0; index < 600; index += 17) {
-        ASSERT_EQ(candidates.Select(index, kDepth, max_sources), AmongAll(scene, index, max_sources))
-            << width << " x " << length << ", " << max_sources << " of image " << index;
+      std::vector<double> depths(indices.size());
+      for (size_t i = 0; i < indices.size(); i += 17) depths[i] = kDepth;
+      const auto chosen = ChooseSourceViews(scene, indices, depths, max_sources);
+      for (size_t i = 0; i < indices.size(); ++i) {
+        ASSERT_EQ(chosen[i], depths[i] > 0 ? AmongAll(scene, indices[i], max_sources) : std::vector<int>())
+            << width << " x " << length << ", " << max_sources << " of image " << i;
       }
     }
   }

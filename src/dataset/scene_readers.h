@@ -44,11 +44,12 @@ struct ColmapCameraModel {
 const ColmapCameraModel& FindColmapCameraModel(const std::string& where, const std::string& name);
 const ColmapCameraModel& FindColmapCameraModel(const std::string& where, int id);
 
-/// Converts COLMAP's parameters (pixel centres at +0.5).
-ColmapCamera MakeColmapCamera(const std::string& where, const ColmapCameraModel& model, uint64_t width, uint64_t height,
+/// Converts COLMAP's parameters (pixel centres at +0.5), which are finite.
+ColmapCamera MakeColmapCamera(const std::string& where, const ColmapCameraModel& model, int64_t width, int64_t height,
                               const std::vector<double>& parameters);
 
-/// Pose from COLMAP's quaternion (w x y z) and translation. A quaternion off unit length by more than 1e-3 is refused.
+/// Pose from COLMAP's quaternion (w x y z) and translation, which are finite. A quaternion off unit length by more than
+/// 1e-3 is refused.
 RigidTransform MakeColmapPose(const std::string& where, const Eigen::Vector4d& quaternion_wxyz,
                               const Eigen::Vector3d& translation);
 
@@ -57,5 +58,13 @@ std::optional<std::filesystem::path> FindColmapModel(const std::filesystem::path
 
 /// Reads a model, binary where both kinds are there (as COLMAP does).
 ColmapModel ReadColmapModel(const std::filesystem::path& folder);
+
+Scene ReadColmapScene(const std::filesystem::path& root, const std::filesystem::path& model_folder,
+                      const std::filesystem::path& image_folder);
+
+/// True when `root` has the parts that make it an MVSNet scene: cams/ and pair.txt.
+bool LooksLikeMvsnet(const std::filesystem::path& root);
+Scene ReadMvsnetScene(const std::filesystem::path& root, const std::filesystem::path& image_folder,
+                      PixelCenters centers);
 
 }  // namespace acmp

@@ -1,3 +1,5 @@
+// Files of clouds and meshes.
+
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -7,6 +9,7 @@
 
 #include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/geometry/local_origin.h"
@@ -279,10 +282,10 @@ char* AppendRecord(char* target, const std::array<uint32_t, 3>& triangle, const 
   return Append(Append(target, uint8_t{3}), triangle);
 }
 
-/// Calls write(place of the first record, records) for blocks of records as they are in the file.
-template <class Item, class Write>
-void MakeRecords(const std::vector<Item>& items, const Eigen::Vector3d& origin, size_t record_bytes,
-                 const Write& write) {
+/// Writes records from a place in the file on. Returns the place after them.
+template <class Item>
+size_t WriteRecords(const std::vector<Item>& items, const Eigen::Vector3d& origin, size_t record_bytes, size_t offset,
+                    AtomicFile* file) {
   constexpr size_t kBlock = 1 << 18;  // records in memory at a time
   std::vector<char> records;
   for (size_t begin = 0; begin < items.size(); begin += kBlock) {
@@ -290,8 +293,11 @@ void MakeRecords(const std::vector<Item>& items, const Eigen::Vector3d& origin, 
     records.resize(count * record_bytes);
     tbb::parallel_for(size_t{0}, count,
                       [&](size_t i) { AppendRecord(records.data() + i * record_bytes, items[begin + i], origin); });
-    write(begin, records);
+    file->WriteAt(offset, records.data(), records.size());
+    file->StartWriteback(offset, records.size());
+    offset += records.size();
   }
+  return offset;
 }
 
 void WriteTextPly(const PointCloud& points, const Eigen::Vector3d& origin, AtomicFile* file) {
@@ -304,28 +310,46 @@ void WriteTextPly(const PointCloud& points, const Eigen::Vector3d& origin, Atomi
   }
 }
 
+/// Vertices as the points of a cloud, then faces as lists of three vertices.
+void WritePlyMesh(const TriangleMesh& mesh, const Eigen::Vector3d& origin, AtomicFile* file) {
+  // int and not uint: some readers know no other type here.
+  const std::string header =
+      MakeHeader(mesh.vertices.size(), origin, "",
+                 Concat("element face ", mesh.triangles.size(), "\nproperty list uchar int vertex_indices\n"));
+  file->Write(header);
+  const size_t end = WriteRecords(mesh.vertices, origin, RecordBytes(origin), header.size(), file);
+  WriteRecords(mesh.triangles, origin, kTriangleBytes, end, file);
+}
+
+/// Vertices (v x y z red green blue, colours 0..1, which many programs read), normals and triangles.
+void WriteObj(const TriangleMesh& mesh, const Eigen::Vector3d& origin, AtomicFile* file) {
+  constexpr double kWhite = 255;
+  const int digits = TextDigits(origin);
+  for (const SurfacePoint& v : mesh.vertices) {
+    const Eigen::Vector3d p = InWorld(origin, v.position);
+    file->Print("v %.*g %.*g %.*g %.4f %.4f %.4f\n", digits, p.x(), digits, p.y(), digits, p.z(), v.color.r / kWhite,
+                v.color.g / kWhite, v.color.b / kWhite);
+  }
+  for (const SurfacePoint& v : mesh.vertices) {
+    file->Print("vn %.4f %.4f %.4f\n", v.normal.x, v.normal.y, v.normal.z);
+  }
+  for (const auto& triangle : mesh.triangles) {
+    const unsigned a = triangle[0] + 1, b = triangle[1] + 1, c = triangle[2] + 1;  // counted from 1
+    file->Print("f %u//%u %u//%u %u//%u\n", a, a, b, b, c, c);
+  }
+}
+
 }  // namespace
 
 void WritePly(const std::filesystem::path& path, const PointCloud& points, const Eigen::Vector3d& origin, bool binary) {
   AtomicFile file(path, Durability::kPowerCut);
-  if (!binary) {
+  if (binary) {
+    const std::string header = MakeHeader(points.size(), origin, "");
+    file.Write(header);
+    WriteRecords(points, origin, RecordBytes(origin), header.size(), &file);
+  } else {
     WriteTextPly(points, origin, &file);
-    return file.Commit();
   }
-  file.Write(MakeHeader(points.size(), origin, ""));
-  const auto write = [&](size_t, const std::vector<char>& records) { file.Write(records.data(), records.size()); };
-  MakeRecords(points, origin, RecordBytes(origin), write);
-  file.Commit();
-}
-
-void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh, const Eigen::Vector3d& origin) {
-  AtomicFile file(path, Durability::kPowerCut);
-  // int and not uint: some readers know no other type here.
-  file.Write(MakeHeader(mesh.vertices.size(), origin, "",
-                        Concat("element face ", mesh.triangles.size(), "\nproperty list uchar int vertex_indices\n")));
-  const auto write = [&](size_t, const std::vector<char>& records) { file.Write(records.data(), records.size()); };
-  MakeRecords(mesh.vertices, origin, RecordBytes(origin), write);
-  MakeRecords(mesh.triangles, origin, kTriangleBytes, write);
   file.Commit();
 }
 
@@ -336,21 +360,11 @@ std::string PlyFile::Header() const {
 }
 
 PlyFile::PlyFile(const std::filesystem::path& path, Durability durability, const Eigen::Vector3d& origin)
-    : file_(path, durability), origin_(origin), header_bytes_(Header().size()) {}
+    : file_(path, durability), origin_(origin), end_(Header().size()) {}
 
-size_t PlyFile::Reserve(size_t points) {
-  const size_t first = points_;
-  points_ += points;
-  return first;
-}
-
-void PlyFile::WriteAt(size_t first, const PointCloud& points) {
-  const size_t bytes = RecordBytes(origin_);
-  const size_t offset = header_bytes_ + first * bytes;
-  MakeRecords(points, origin_, bytes, [&](size_t begin, const std::vector<char>& records) {
-    file_.WriteAt(offset + begin * bytes, records.data(), records.size());
-  });
-  if (!points.empty()) file_.StartWriteback(offset, points.size() * bytes);  // 0 bytes would be all that follow
+void PlyFile::Append(const PointCloud& points) {
+  end_ = WriteRecords(points, origin_, RecordBytes(origin_), end_, &file_);
+  points_ += points.size();
 }
 
 void PlyFile::Commit() {
@@ -371,6 +385,25 @@ PointCloud ReadPly(const std::filesystem::path& path, ReadOrigin* origin) {
 
 TriangleMesh ReadPlyMesh(const std::filesystem::path& path, ReadOrigin* origin) {
   return ReadElements(path, true, origin);
+}
+
+MeshFormat MeshFormatOf(const std::filesystem::path& path) {
+  const std::string extension = LowerExtension(path);
+  if (extension == ".ply") return MeshFormat::kPly;
+  if (extension == ".obj") return MeshFormat::kObj;
+  throw InvalidInputError(Concat("mesh ", path, ": must end with .ply or .obj"));
+}
+
+void WriteMesh(const std::filesystem::path& path, const TriangleMesh& mesh, MeshFormat format,
+               const Eigen::Vector3d& origin) {
+  if (mesh.triangles.empty()) throw InvalidInputError("the mesh is empty: nothing was written");
+  AtomicFile file(path, Durability::kPowerCut);
+  if (format == MeshFormat::kPly) {
+    WritePlyMesh(mesh, origin, &file);
+  } else {
+    WriteObj(mesh, origin, &file);
+  }
+  file.Commit();
 }
 
 }  // namespace acmp

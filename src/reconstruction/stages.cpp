@@ -1,0 +1,357 @@
+// A run whose parts are done by many processes: PlanStages once, then each stage of each chunk, the last one being
+// kFinishStage. A chunk is images of successive scene indices: chunk k has those of [k n, (k + 1) n) that take part.
+// All files are whole or absent and depend on the input alone, so that any of it may be done again, at the same time or
+// after a crash.
+
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+#include <sstream>
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/dataset/output_file.h"
+#include "acmp_mapping/pipeline/presets.h"
+#include "acmp_mapping/reconstruction/reconstruct.h"
+#include "plan.h"
+#include "run.h"
+#include "work_files.h"
+
+namespace acmp {
+namespace {
+
+constexpr const char* kMapsStage = "maps";         // confidence, map files and pictures
+constexpr const char* kFinishStage = "finish";     // all that is missing of the run: with the stages before, the cloud
+constexpr int kExitFailed = 1, kExitBadInput = 2;  // as the program's
+
+using Json = nlohmann::ordered_json;
+
+std::filesystem::path PlanFile(const std::filesystem::path& output) {
+  return OutputFolder::WorkFile(output, "plan", 0);
+}
+
+/// Below the root relative to it, so that machines may have it at different places.
+std::string RelativePath(const std::filesystem::path& path, const std::filesystem::path& root) {
+  const std::filesystem::path relative = path.lexically_relative(root);
+  return relative.empty() || *relative.begin() == ".." ? path.string() : relative.string();
+}
+
+// Values of the plan's file: Put writes one, Take reads it.
+
+template <class T>
+Json Put(const T& value) {
+  return value;
+}
+template <class T>
+void Take(const Json& json, T* value) {
+  *value = json.get<T>();
+}
+Json Put(const std::filesystem::path& path) { return path.string(); }
+void Take(const Json& json, std::filesystem::path* path) { *path = json.get<std::string>(); }
+template <int rows, int cols>
+Json Put(const Eigen::Matrix<double, rows, cols>& matrix) {
+  return std::vector<double>(matrix.data(), matrix.data() + matrix.size());
+}
+template <int rows, int cols>
+void Take(const Json& json, Eigen::Matrix<double, rows, cols>* matrix) {
+  const auto numbers = json.get<std::vector<double>>();
+  if (numbers.size() != static_cast<size_t>(matrix->size())) throw ProcessingError("the plan's file has another form");
+  std::copy(numbers.begin(), numbers.end(), matrix->data());
+}
+Json Put(const PinholeCamera& c) { return {c.width, c.height, c.fx, c.fy, c.cx, c.cy}; }
+void Take(const Json& json, PinholeCamera* camera) {
+  *camera = {json.at(0), json.at(1), json.at(2), json.at(3), json.at(4), json.at(5)};
+}
+Json Put(const std::optional<FaceOfImage>& face) {
+  return face ? Json{Put(face->file_camera), Put(face->lens_from_face)} : Json();
+}
+void Take(const Json& json, std::optional<FaceOfImage>* face) {
+  if (json.is_null()) return;
+  Take(json.at(0), &face->emplace().file_camera);
+  Take(json.at(1), &(*face)->lens_from_face);
+}
+
+/// visit(name, value) for all that the plan's file has of an image.
+/// @param path relative to the scene's root
+/// @param files what HashFiles says
+template <class Image, class Plan, class Path, class Hash, class Visit>
+void VisitImage(Image* image, Plan* plan, Path* path, Hash* files, const Visit& visit) {
+  visit("index", &plan->index);
+  visit("near", &plan->range.min);
+  visit("far", &plan->range.max);
+  visit("sources", &plan->sources);
+  visit("no_map", &plan->no_map);
+  visit("files", files);
+  visit("name", &image->name);
+  visit("path", path);
+  visit("mask", &image->mask);
+  visit("prior_depth", &image->prior_depth);
+  visit("camera", &image->camera);
+  visit("distortion", &image->distortion.model);
+  visit("coefficients", &image->distortion.coefficients);
+  visit("field_of_view", &image->field_of_view);
+  visit("face", &image->face);
+  visit("turn", &image->readout.turn);
+  visit("move", &image->readout.move);
+  visit("pose", &image->cam_from_world.matrix());
+  visit("placed", &image->placed_from_world.matrix());
+}
+
+/// The content of the plan's file.
+/// @param files HashFiles of each image of the plan
+std::string FormatPlan(const Scene& scene, const ReconstructPlan& plan, const std::vector<uint64_t>& files,
+                       const std::filesystem::path& root) {
+  Json json = {{"origin", Put(plan.origin)}, {"images", Json::array()}};
+  for (size_t i = 0; i < plan.images.size(); ++i) {
+    const SceneImage& image = scene.images[static_cast<size_t>(plan.images[i].index)];
+    const std::string path = RelativePath(image.path, root);
+    Json view;
+    VisitImage(&image, &plan.images[i], &path, &files[i],
+               [&](const char* name, const auto* value) { view[name] = Put(*value); });
+    json["images"].push_back(std::move(view));
+  }
+  return json.dump();
+}
+
+/// The stages of each chunk in their order: the steps of the schedule, and maps.
+std::vector<std::string> StagesOfChunk(const ReconstructOptions& options) {
+  const int final_step = static_cast<int>(ScheduleOf(MakePipelineOptions(options)).size()) - 1;
+  std::vector<std::string> stages;
+  for (int step = 0; step <= final_step; ++step) stages.push_back(EngineStore::StepName(step, final_step));
+  if (!options.maps.empty()) stages.emplace_back(kMapsStage);
+  return stages;
+}
+
+/// The tasks, stage by stage.
+Json ListOfTasks(const ReconstructPlan& plan, const ReconstructOptions& options) {
+  struct Chunk {
+    int first = 0, last = 0;  // scene indices
+    std::set<int> reads;      // chunks whose estimates its own ones are made of
+  };
+  std::map<int, Chunk> chunks;
+  for (const ImagePlan& image : plan.images) {
+    Chunk& chunk = chunks.try_emplace(image.index / options.chunk_images, Chunk{image.index, 0, {}}).first->second;
+    chunk.last = image.index;
+    if (!image.no_map.empty()) continue;
+    for (int read : plan.ImagesRead(image)) chunk.reads.insert(read / options.chunk_images);
+  }
+  Json list = Json::array(), last = Json::array();
+  std::map<int, int> before, now;  // numbers of the tasks of a stage, by chunk
+  for (const std::string& stage : StagesOfChunk(options)) {
+    last = Json::array();
+    for (const auto& [number, chunk] : chunks) {
+      Json after = Json::array();
+      for (int read : before.empty() ? std::set<int>() : chunk.reads) after.push_back(before.at(read));
+      now[number] = static_cast<int>(list.size());
+      last.push_back(list.size());
+      list.push_back({{"stage", stage}, {"images", Concat(chunk.first, "-", chunk.last)}, {"after", after}});
+    }
+    before = now;
+  }
+  list.push_back({{"stage", kFinishStage}, {"images", ""}, {"after", last}});
+  return list;
+}
+
+/// The plan in an output folder, and its images, which keep their indices. Stays where it is made.
+struct PlannedScene {
+  /// Reads it. Throws InvalidInputError where there is none.
+  /// @param options name the folder, and the scene, which may lie elsewhere than it did
+  explicit PlannedScene(const ReconstructOptions& options);
+
+  Scene scene;  ///< without landmarks and ranking, which only the plan is made of
+  ReconstructPlan plan;
+  std::map<int, uint64_t> files;  ///< HashFiles when it was planned, by scene index
+  FrameStore frames;
+};
+
+PlannedScene::PlannedScene(const ReconstructOptions& options)
+    : frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare)) {
+  const std::optional<std::string> content = ReadWorkFile(PlanFile(options.output));
+  if (!content) throw InvalidInputError(Concat(options.output.string(), ": has no plan: give --plan first"));
+  const Json json = Json::parse(*content);
+  Take(json.at("origin"), &plan.origin);
+  for (const Json& view : json.at("images")) {
+    SceneImage image;
+    uint64_t hash = 0;
+    std::string path;
+    VisitImage(&image, &plan.images.emplace_back(), &path, &hash,
+               [&](const char* name, auto* value) { Take(view.at(name), value); });
+    image.path = options.scene / path;
+    const int index = plan.images.back().index;
+    files[index] = hash;
+    scene.images.resize(static_cast<size_t>(index) + 1);
+    scene.images.back() = std::move(image);
+  }
+}
+
+/// Does stages, one after the other. Devices, the plan and images are kept from one to the next: images within their
+/// share of the memory limit.
+class StageRunner {
+ public:
+  /// Devices are made when a stage needs them.
+  StageRunner(const ReconstructOptions& options, const RunContext& context)
+      : options_(options), context_(context), interrupt_(context.interrupt) {}
+
+  /// After a failure it is not to be used again.
+  void Run(const std::string& stage, const std::string& images) {
+    const Timer timer;
+    options_.stage = stage;
+    options_.images = images;
+    const std::string name = options_.output.string();
+    if (!OutputFolder::Exists(options_.output)) throw InvalidInputError(name + ": has no plan: give --plan first");
+    const OutputFolder folder(options_.output, SettingsRecord(options_), false, OutputFolder::Use::kStages);
+    if (folder.state() == OutputFolder::State::kComplete) {
+      return ReportComplete(folder, "", options_, &context_.out);
+    }
+    const std::string input = folder.Setting(kInputKey);
+    if (!planned_ || input_ != input) planned_ = std::make_unique<PlannedScene>(options_);
+    input_ = input;
+    const std::vector<std::string> stages = StagesOfChunk(options_);
+    const auto place = static_cast<size_t>(std::find(stages.begin(), stages.end(), stage) - stages.begin());
+    if (stage != kFinishStage && place == stages.size()) {
+      std::string names;
+      for (const std::string& known : stages) names += known + ", ";
+      throw InvalidInputError(Concat("--stage ", stage, ": must be one of ", names, kFinishStage));
+    }
+    const std::set<int> chosen = stage == kFinishStage ? AllImages() : ChosenImages();
+    CheckContent(chosen);
+    if (!devices_) devices_.emplace(context_.make_devices());
+    const std::string device = CheckDevice(folder.WorkFile("device", 0));
+    Progress progress(&context_.log, ProgressStyleFor(options_.quiet, context_.log_is_terminal));
+    ReconstructRun run{planned_->scene,  options_,   planned_->plan, *devices_,
+                       planned_->frames, interrupt_, progress,       &folder};
+    if (stage == kFinishStage) {
+      const CloudSize cloud = RunAndWriteResults(&run);
+      const RunRecord record = MakeRecord(options_, device, input);
+      folder.Rewrite(record);
+      return EndRun(&run, record, device, timer, cloud, &context_.out);
+    }
+    std::set<int> targets;
+    for (int index : chosen) {
+      if (planned_->plan.HasMap(index)) targets.insert(index);
+    }
+    RunStage(&run, std::min(static_cast<int>(place), run.store.final_step()), targets, stage == kMapsStage);
+    interrupt_.Check();
+    ReportUnusedPriorDepth(run);
+  }
+
+ private:
+  std::set<int> AllImages() const {
+    const std::vector<int> indices = planned_->plan.Indices();
+    return {indices.begin(), indices.end()};
+  }
+
+  /// Images of options.images that take part.
+  std::set<int> ChosenImages() const {
+    if (options_.images.empty()) throw InvalidInputError("--stage: needs --images");
+    std::set<int> chosen;
+    for (int index : ParseImageIndices(options_.images, static_cast<int>(planned_->scene.images.size()))) {
+      if (planned_->plan.Find(index)) chosen.insert(index);
+    }
+    if (!chosen.empty()) return chosen;
+    throw InvalidInputError(Concat("--images ", options_.images, ": the plan has none of these images"));
+  }
+
+  /// Throws InvalidInputError unless the images are what they were when they were planned.
+  void CheckContent(const std::set<int>& images) const {
+    const std::vector<int> indices(images.begin(), images.end());
+    const std::vector<uint64_t> now = HashFiles(planned_->scene, indices, interrupt_, [](int) {});
+    for (size_t i = 0; i < indices.size(); ++i) {
+      if (now[i] == planned_->files.at(indices[i])) continue;
+      throw InvalidInputError(
+          Concat("image ", planned_->scene.images[static_cast<size_t>(indices[i])].name,
+                 ": it, its mask or its prior depth has changed since it was planned: plan with --overwrite"));
+    }
+  }
+
+  /// All stages must be done by devices of one model: others make other bits.
+  /// @param file has the name of the device that did the first stage
+  /// @return that name
+  std::string CheckDevice(const std::filesystem::path& file) const {
+    if (!ReadWorkFile(file)) WriteWorkFile(file, devices_->name());
+    std::string first = ReadWorkFile(file).value_or(devices_->name());
+    if (DeviceModel(first) == DeviceModel(devices_->name())) return first;
+    throw InvalidInputError(Concat("--device: the first stage was done by ", DeviceModel(first), ", and this is ",
+                                   DeviceModel(devices_->name()), ", which makes other bits"));
+  }
+
+  ReconstructOptions options_;
+  const RunContext& context_;
+  StopRequest& interrupt_;
+  std::optional<Devices> devices_;
+  std::unique_ptr<PlannedScene> planned_;
+  std::string input_;  ///< of the folder's run whose plan that is: another plan has another one
+};
+
+/// "STAGE IMAGES", or "STAGE" alone.
+std::pair<std::string, std::string> StageOfLine(const std::string& line) {
+  std::istringstream words(line);
+  std::string stage, images, more;
+  words >> stage >> images >> more;
+  if (!stage.empty() && more.empty()) return {stage, images};
+  throw InvalidInputError(Concat("--stages: line \"", line, "\": must be STAGE IMAGES, as step_0 0-15, or finish"));
+}
+
+std::string Failure(int exit_code, std::string message) {
+  std::replace(message.begin(), message.end(), '\n', ' ');
+  return Concat("exit code ", exit_code, ": ", message);
+}
+
+}  // namespace
+
+void PlanStages(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options,
+                const StopRequest& interrupt, FrameStore* frames, Progress* progress, std::ostream* out) {
+  ReportImagesWithoutMap(plan, scene, progress);
+  const std::vector<uint64_t> files = HashFiles(scene, plan.Indices(), interrupt, [&](int index) {
+    if (!plan.HasMap(index)) frames->Get(index);
+  });
+  const RunRecord record = MakeRecord(options, "", InputHash(scene, plan.Indices(), files));
+  const OutputFolder folder(options.output, record, options.overwrite, OutputFolder::Use::kStages);
+  const bool complete = folder.state() == OutputFolder::State::kComplete;
+  if (!complete && folder.Setting(kDeviceKey) != "(none)" && !std::filesystem::exists(PlanFile(options.output))) {
+    throw InvalidInputError(Concat(options.output.string(),
+                                   ": holds an interrupted run of one process: the same command ",
+                                   "without --plan goes on, --overwrite starts afresh"));
+  }
+  const Json tasks = complete ? Json::array() : ListOfTasks(plan, options);
+  WriteFileAtomically(options.plan, Json({{"complete", complete}, {"tasks", tasks}}).dump() + "\n");
+  if (complete) return ReportComplete(folder, options.plan.string() + ": ", options, out);
+  const std::string content = FormatPlan(scene, plan, files, options.scene);
+  if (ReadWorkFile(PlanFile(options.output)) != content) WriteWorkFile(PlanFile(options.output), content);
+  if (options.quiet) return;
+  *out << options.plan.string() << ": " << tasks.size() << " tasks for " << plan.images.size()
+       << " images in chunks of " << options.chunk_images << std::endl;
+}
+
+void DoStage(const ReconstructOptions& options, const RunContext& context) {
+  StageRunner(options, context).Run(options.stage, options.images);
+}
+
+bool ReconstructStages(const ReconstructOptions& options, const RunContext& context, const LineReader& next) {
+  Validate(options);
+  std::optional<StageRunner> runner;
+  bool all_done = true;
+  while (const std::optional<std::string> line = next()) {
+    std::string answer = "done";
+    try {
+      const auto [stage, images] = StageOfLine(*line);
+      if (!runner) runner.emplace(options, context);
+      runner->Run(stage, images);
+    } catch (const InvalidInputError& error) {
+      answer = Failure(kExitBadInput, error.what());
+    } catch (const std::exception& error) {
+      answer = Failure(kExitFailed, error.what());
+    }
+    if (answer != "done") runner.reset();  // an image or an engine that is not as it should be
+    context.interrupt.Check();             // what a stop leaves may look like any error
+    all_done = all_done && answer == "done";
+    context.out << *line << ": " << answer << std::endl;
+  }
+  return all_done;
+}
+
+}  // namespace acmp
