@@ -125,22 +125,4 @@ uint32_t PassNumber(Pass kind, int geometric_pass) {
   return 2u + static_cast<uint32_t>(geometric_pass);
 }
 
-void CheckStart(const PatchMatchProblem& problem, const EstimateState& start) {
-  const PinholeCamera& camera = problem.reference.camera;
-  CheckSize("start.planes", start.planes.width(), start.planes.height(), camera);
-  CheckSize("start.cost", start.cost.width(), start.cost.height(), camera);
-  const RayGrid rays = MakeRayGrid(camera);
-  const bool has_mask = !problem.reference.mask_distance.empty();
-  for (int row = 0; row < camera.height; ++row) {
-    for (int col = 0; col < camera.width; ++col) {
-      const PlaneHypothesis& plane = start.planes(col, row);
-      const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-      if (plane.d > 0 && depth > 0 && std::isfinite(depth)) continue;
-      if (has_mask && plane.d == 0 && Norm(plane.normal()) == 0) continue;
-      throw InvalidInputError(Concat("start.planes: pixel (", col, ", ", row, "): d = ", plane.d, ", depth = ", depth,
-                                     ": must both be positive and finite"));
-    }
-  }
-}
-
 }  // namespace acmp

@@ -66,8 +66,4 @@ MatchContext<Sampler> MakeMatchContext(const PatchMatchProblem& problem, const P
   return context;
 }
 
-/// Throws InvalidInputError unless `start` has the reference's size and in every pixel a plane in front of the camera,
-/// or none where the reference has a mask (as every pass leaves it).
-void CheckStart(const PatchMatchProblem& problem, const EstimateState& start);
-
 }  // namespace acmp
