@@ -119,6 +119,38 @@ class Reference {
     return Done(outcome);
   }
 
+  /// Ours after the last iteration: the plane is moved to the median depth over the pixel, those of the other colour
+  /// within 3 px, that is, the 16 nearest, and four 5 px along the axes; of their own depths, or of those of their
+  /// planes here, where the middle half of these is narrower.
+  Outcome Filter(const Maps& maps, int col, int row) {
+    StartPixel();
+    constexpr double kFar = 1e30;  // of a plane that leaves the depth range
+    std::vector<double> own, extended;
+    for (int dy = -5; dy <= 5; ++dy) {
+      for (int dx = -5; dx <= 5; ++dx) {
+        const bool is_self = dx == 0 && dy == 0, is_axis_end = dx * dy == 0 && dx * dx + dy * dy == 25;
+        const bool is_near_of_other_color = (dx + dy) % 2 != 0 && dx * dx + dy * dy <= 9;
+        if (!is_self && !is_near_of_other_color && !is_axis_end) continue;
+        if (!maps.planes.View().Contains(col + dx, row + dy)) continue;
+        const reference::Plane plane = reference::ToDouble(maps.planes(col + dx, row + dy));
+        own.push_back(At(plane, col + dx, row + dy).depth);
+        const double depth = At(plane, col, row).depth;
+        extended.push_back(InRange(depth) ? depth : kFar);
+      }
+    }
+    const auto at = [](std::vector<double>* depths, size_t quarters) {
+      std::sort(depths->begin(), depths->end());
+      return (*depths)[quarters * depths->size() / 4];  // of an even number the upper middle one
+    };
+    const bool keeps_slope =
+        at(&extended, 2) < kFar && Less(at(&extended, 3) - at(&extended, 1), at(&own, 3) - at(&own, 1), 1e-5);
+    const Eigen::Vector3d normal = reference::ToDouble(maps.planes(col, row)).normal;
+    Outcome outcome = {Through(normal, at(keeps_slope ? &extended : &own, 2), col, row).plane};
+    outcome.cost = maps.cost(col, row);
+    outcome.views = maps.views(col, row);
+    return Done(outcome);
+  }
+
   /// ACMM's detail restorer after a photometric pass; leaves the views as they are.
   /// @param coarser estimate of the next coarser scale, whose camera is the problem's halved
   Outcome Restore(const Maps& maps, const PlaneMap& coarser, int col, int row) {
