@@ -28,6 +28,20 @@ void CheckMatchView(const std::string& name, const MatchView& view) {
   if (!view.mask_distance.empty()) check_size("mask", view.mask_distance.width, view.mask_distance.height);
 }
 
+HalvedDepthMap HalveDepth(const ImageView<const float>& depth) {
+  HalvedDepthMap halved = {Image<uint16_t>(HalvedSize(depth.width), HalvedSize(depth.height)), 0};
+  float largest = 0;
+  for (int row = 0; row < depth.height; ++row) {
+    for (int col = 0; col < depth.width; ++col) largest = std::max(largest, InverseOfDepth(depth(col, row)));
+  }
+  if (!(largest > 0)) return halved;  // nothing is known
+  halved.step = largest / kInverseSteps;
+  ForEachPixel(halved.inverse.width(), halved.inverse.height(), [&](int col, int row) {
+    halved.inverse(col, row) = StepsOfInverse(HalvedInverseDepth(depth, col, row), halved.step);
+  });
+  return halved;
+}
+
 }  // namespace
 
 void Validate(const PatchMatchOptions& options) {
@@ -91,20 +105,6 @@ std::vector<SourceView> MakeSourceViews(const PatchMatchProblem& problem) {
     views.push_back(view);
   }
   return views;
-}
-
-HalvedDepthMap HalveDepth(const ImageView<const float>& depth) {
-  HalvedDepthMap halved = {Image<uint16_t>(HalvedSize(depth.width), HalvedSize(depth.height)), 0};
-  float largest = 0;
-  for (int row = 0; row < depth.height; ++row) {
-    for (int col = 0; col < depth.width; ++col) largest = std::max(largest, InverseOfDepth(depth(col, row)));
-  }
-  if (!(largest > 0)) return halved;  // nothing is known
-  halved.step = largest / kInverseSteps;
-  ForEachPixel(halved.inverse.width(), halved.inverse.height(), [&](int col, int row) {
-    halved.inverse(col, row) = StepsOfInverse(HalvedInverseDepth(depth, col, row), halved.step);
-  });
-  return halved;
 }
 
 std::vector<HalvedDepthMap> HalveDepths(const PatchMatchProblem& problem) {

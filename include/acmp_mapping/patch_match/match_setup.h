@@ -20,10 +20,8 @@ struct HalvedDepthMap {
   HalvedDepth View() const { return {inverse.View(), step}; }
 };
 
-/// @param depth z; what is not positive, infinite or below 1e-30 is unknown; an empty map gives an empty one
-HalvedDepthMap HalveDepth(const ImageView<const float>& depth);
-
-/// The sources' depth maps, halved.
+/// The sources' depth maps, halved; what is not positive, infinite or below 1e-30 is unknown, and an empty map gives an
+/// empty one.
 std::vector<HalvedDepthMap> HalveDepths(const PatchMatchProblem& problem);
 
 /// Number of a pass for its random numbers: 0 photometric, 1 planar prior, 2 + pass geometric.
