@@ -2,12 +2,15 @@
 
 #include <functional>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "support/error_text.h"
+#include "support/kernel_state.h"
 #include "support/random_views.h"
 
 namespace acmp {
@@ -16,6 +19,22 @@ namespace {
 using ::testing::HasSubstr;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+
+/// Beyond what papers_test.cpp compares.
+TEST(GeometricErrorTest, BackwardPointBehindTheReferenceIsTruncated) {
+  // The source stands 5 m ahead on the optical axis, looking back at the reference; its depth claims a surface 8 m
+  // away, which lies 3 m behind the reference camera. On the axis a point behind has the pixel of one in front.
+  std::vector<PlanarView> views = RandomViews(2, 33, 27, 4);
+  views[0].camera.cx = 16;
+  views[0].camera.cy = 13;
+  views[1].cam_from_world = LookAhead({0, 0, 5}, 180, 0, 0);
+  for (const auto& [depth, is_before] : {std::pair(8.0f, false), {2.0f, true}}) {
+    for (float& z : views[1].depth) z = depth;
+    KernelState state(MakeProblem(views, 0, {1, 10}, true));
+    const float error = GeometricError(state.Context(), 3, 16, 13, 0), worst = state.options().geometric_max_px;
+    EXPECT_TRUE(is_before ? error < 0.01f : error == worst) << error;
+  }
+}
 
 TEST(PatchMatchProblemTest, NamesWhatIsWrongWithWhichView) {
   struct Case {

@@ -118,6 +118,7 @@ class PapersTest : public ::testing::Test {
         const double kind = random(0, 1);
         depth = kind < 0.05 ? 0.0f : kind < 0.1 ? 0.5f : static_cast<float>(depth * random(0.99, 1.01));
       }
+      view.depth(0, 0) = 1e-38f;  // no depth: of its inverse, as the greatest, the steps of all would be
     }
     state_ = std::make_unique<KernelState>(problem_, options_.patch_match);
     images_.clear();

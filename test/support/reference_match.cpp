@@ -55,7 +55,7 @@ double HalvedDepthAt(const ImageView<const float>& depth, int col, int row) {
   std::vector<double> inverse;
   for (int r = row / 2 * 2; r < std::min(row / 2 * 2 + 2, depth.height); ++r) {
     for (int c = col / 2 * 2; c < std::min(col / 2 * 2 + 2, depth.width); ++c) {
-      if (depth(c, r) > 0) inverse.push_back(1.0 / depth(c, r));
+      if (depth(c, r) > 1e-30f) inverse.push_back(1.0 / depth(c, r));
     }
   }
   if (inverse.empty()) return 0;
