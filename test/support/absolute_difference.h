@@ -34,7 +34,11 @@ struct CostQuery {
 ACMP_HOST_DEVICE inline float Cost(const MatchContext<AbsoluteDifferenceSampler>& context, const CostQuery& query) {
   ReferencePatch patch;
   LoadReferencePatch(context, query.col, query.row, context.options.sigma_color, SingleThread(), &patch);
-  return PhotometricCost(context, patch, PlaneDual(context, query.plane), query.col, query.row, query.view);
+  const Vec3f dual = PlaneDual(context, query.plane);
+  PlaneWarp warp;
+  float cost;
+  if (!PrepareWindow(context, patch, dual, query.col, query.row, query.view, &warp, &cost)) return cost;
+  return AbsoluteDifference::Of(SumWindow(context.sampler, query.view, warp, patch), patch, context.options);
 }
 
 /// The costs on the GPU. Throws ProcessingError when that fails.
