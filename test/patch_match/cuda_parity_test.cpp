@@ -17,9 +17,9 @@
 
 // CPU and GPU run the same source, but not the same arithmetic: the GPU contracts to fused multiply-adds, has its own
 // exp, sin and cos and interpolates in textures with 8-bit fractions. Per cost that is small, but PatchMatch decides by
-// comparison: one decision the other way changes what neighbours see. So parity is a rate, tight where texture makes the
-// optimum unique, and both devices' accuracy is compared with the truth. What passes must hold on each device alone is
-// in passes_test.cpp.
+// comparison: one decision the other way changes what neighbours see. So parity is a rate, tight where texture makes
+// the optimum unique, and both devices' accuracy is compared with the truth. What passes must hold on each device alone
+// is in passes_test.cpp.
 
 namespace acmp {
 namespace {
