@@ -21,13 +21,13 @@ constexpr double kMaxDrawn = 200;     ///< times that a pixel is drawn, on avera
 bool IsInView(const Vec3f& p) { return p.z > 0 && std::max(std::abs(p.x), std::abs(p.y)) <= kMaxTangent * p.z; }
 
 /// Of the points before the camera: depths, and the box around x and y at z = 1.
-struct Extent {
+struct PointExtent {
   std::vector<float> depths;
   Eigen::AlignedBox2f box;
 };
 
-Extent ExtentOf(const PointCloud& points) {
-  Extent extent;
+PointExtent PointExtentOf(const PointCloud& points) {
+  PointExtent extent;
   for (const SurfacePoint& point : points) {
     const Vec3f& p = point.position;
     if (!(p.z > 0)) continue;
@@ -39,7 +39,7 @@ Extent ExtentOf(const PointCloud& points) {
 
 /// Throws nothing; `points` are in view and at least one.
 PinholeCamera CameraAround(const PointCloud& points, double spacing) {
-  const Extent extent = ExtentOf(points);
+  const PointExtent extent = PointExtentOf(points);
   const Eigen::Vector2d size = extent.box.sizes().cast<double>(), low = extent.box.min().cast<double>();
   const double focal = std::min(Median(extent.depths) / spacing, (kMaxSize - 2) / std::max(size.maxCoeff(), 1e-9));
   return {static_cast<int>(std::ceil(focal * size.x())) + 1,
@@ -158,7 +158,7 @@ SurfaceMaps SplatPoints(const PointCloud& points_in_camera, const PosedCamera& c
 
 double PointSpacing(const PointCloud& points_in_camera, double voxel_size) {
   constexpr double kHalfCovered = 0.7;  // of the box around them points cover half or more
-  const auto [depths, box] = ExtentOf(points_in_camera);
+  const auto [depths, box] = PointExtentOf(points_in_camera);
   if (depths.empty()) return 0;
   return std::max(voxel_size,
                   kHalfCovered * Median(depths) * std::sqrt(box.volume() / static_cast<double>(depths.size())));
