@@ -1,175 +1,19 @@
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-
-#include <algorithm>
-#include <iterator>
-#include <memory>
-#include <mutex>
-#include <shared_mutex>
-#include <utility>
-#include <vector>
-
 #include "acmp_mapping/backend/make_depth_engine.h"
-#include "acmp_mapping/engine/depth_engine.h"
-#include "acmp_mapping/fill/fill.h"
-#include "acmp_mapping/patch_match/kernel/geometric_cost.h"
-#include "acmp_mapping/patch_match/match_setup.h"
-#include "cuda_handles.h"
-#include "kernels.h"
-#include "staged_copy.h"
+#include "cuda_passes.h"
 
 namespace acmp {
 namespace {
 
-/// The engine of one GPU, on a stream of its own. Engines that Share() made have the device in common. Buffers are for
-/// one call at a time, and only grow.
-class CudaDepthEngine final : public DepthEngine {
+/// The engine of one GPU, on a stream of its own: what the other parts do not have, filling and fusion. Engines that
+/// Share() made have the device in common. Buffers are for one call at a time, and only grow.
+class CudaDepthEngine final : public CudaPasses {
  public:
-  explicit CudaDepthEngine(CudaDevicePtr device) : device_(std::move(device)) {}
+  using CudaPasses::CudaPasses;
 
   std::unique_ptr<DepthEngine> Share() override {
     device_->MakeCurrent();
     return std::make_unique<CudaDepthEngine>(device_);
   }
-  size_t DeviceBytes() const override { return device_->Bytes(); }
-  size_t FreeDeviceBytes() const override {
-    device_->MakeCurrent();
-    size_t free = 0, total = 0;
-    CudaCheck(cudaMemGetInfo(&free, &total), "read free memory");
-    return free;
-  }
-  std::string device_name() const override {
-    return Concat(device_->properties().name, " (cuda:", device_->index(), ")");
-  }
-  double PopDeviceTime() override { return std::exchange(counted_ms_, 0.0); }
-
-  // Passes.
-
-  EngineImagePtr Load(const FramePtr& frame, int levels) override {
-    CheckLoad(frame, levels);
-    return OnDevice([&] {
-      auto image = std::make_shared<CudaImage>(device_);
-      PinholeCamera camera = frame->camera;
-      for (int level = 0; level <= levels; ++level, camera = camera.Halved()) {
-        image->layers.push_back(
-            device_->images(level).Acquire(camera.width, camera.height, stream_, &device_->images_mutex()));
-      }
-      const std::shared_lock<std::shared_mutex> images(device_->images_mutex());
-      device_->images(0).Upload(frame->gray.View(), image->Layer(0), &staging_, stream_);
-      for (int level = 1; level <= levels; ++level) {
-        device_->images(level).QueueHalf(device_->images(level - 1), image->Layer(level - 1), image->Layer(level),
-                                         stream_);
-      }
-      stream_.Synchronize();
-      if (frame->mask.empty()) return EngineImagePtr(image);
-      for (const MaskDistanceMap& of_level : MakeMaskDistances(*frame, levels)) {
-        image->mask_distances.push_back(CopyToDevice(of_level));
-      }
-      return EngineImagePtr(image);
-    });
-  }
-  EngineEstimatePtr RunPass(const EngineProblem& problem, const PatchMatchOptions& options, EnginePass pass) override {
-    Validate(options);
-    const int level = pass.kind == Pass::kGeometric ? LevelOfEstimate(problem, pass.start) : pass.level;
-    const PatchMatchProblem match = MakePatchMatchProblem(problem, level);
-    const PinholeCamera& camera = match.reference.camera;
-    if (pass.kind != Pass::kPhotometric) CheckStartSize(pass.start, camera);
-    return OnDevice([&] {
-      const size_t pixels = static_cast<size_t>(camera.width) * camera.height;
-      DeviceArray<uint32_t> selected_views;  // only where the prior's numbers have the place of the depths
-      if (pass.prior != nullptr) {
-        QueueUpload(*pass.prior);
-        selected_views = DeviceArray<uint32_t>(device_, pixels);
-      }
-      const std::shared_ptr<CudaEstimate> estimate =
-          pass.kind == Pass::kPhotometric ? NewEstimate(camera) : Continue(pass.start);
-      const std::unique_lock<std::mutex> turn = device_->PassTurn(pixels);
-      const std::shared_lock<std::shared_mutex> images(device_->images_mutex());
-      CudaMatchContext context =
-          MakeContext(problem, match, level, options, pass.kind, pass.geometric_pass, estimate.get());
-      const PriorTriangles triangles = {triangles_.data(), planes_.data(), num_triangles_};
-      if (pass.prior != nullptr) {
-        context.selected_views.data = selected_views.data();
-        context.prior = {planes_.data(), estimate->NumbersView()};
-      }
-      StartClock();
-      if (pass.prior != nullptr) {
-        LaunchRasterizePrior(triangles, MakeRayGrid(camera), match.depth_range.min, match.depth_range.max,
-                             estimate->NumbersView(), stream_.get());
-      }
-      VisitPass(pass.kind, options.method, [&](auto kind, auto method) {
-        LaunchPass<kind, method>(context, IterationsOf(kind, options), stream_.get());
-      });
-      QueueDepths(camera, estimate.get());
-      if (pass.kind == Pass::kGeometric && options.method == Method::kOurs) {
-        FinishHalved(*estimate);
-      } else {
-        FinishClock();
-      }
-      return EngineEstimatePtr(estimate);
-    });
-  }
-  EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override {
-    const CudaEstimate& halved = Cast<CudaEstimate>(estimate);
-    CheckUpsample(frame, level, halved.width, halved.height);
-    return OnDevice([&] {
-      const std::shared_ptr<CudaEstimate> full = NewEstimate(frame->camera);
-      StartClock();
-      LaunchUpsample(
-          {halved.planes.View(), halved.cost.View(), MakeRayGrid(CameraAtLevel(frame->camera, level)), level},
-          MakeRayGrid(frame->camera), full->planes.View(), full->cost.View(), stream_.get());
-      QueueDepths(frame->camera, full.get());
-      FinishClock();
-      return EngineEstimatePtr(full);
-    });
-  }
-  EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
-                                   EngineEstimatePtr start, const EngineEstimatePtr& coarser) override {
-    Validate(options);
-    const int level = LevelOfEstimate(problem, start);
-    const PatchMatchProblem match = MakePatchMatchProblem(problem, level);
-    const PinholeCamera& camera = match.reference.camera;
-    const PinholeCamera halved = camera.Halved();
-    const CudaEstimate& halved_estimate = Cast<CudaEstimate>(coarser);
-    CheckSize("coarser estimate", halved_estimate.width, halved_estimate.height, halved);
-    return OnDevice([&] {
-      const std::shared_ptr<CudaEstimate> estimate = Continue(start);
-      const std::unique_lock<std::mutex> turn = device_->PassTurn(estimate->Pixels());
-      const std::shared_lock<std::shared_mutex> images(device_->images_mutex());
-      const CudaMatchContext context =
-          MakeContext(problem, match, level, options, Pass::kPhotometric, 0, estimate.get());
-      StartClock();
-      LaunchRestoreDetails(context, {halved_estimate.planes.View(), MakeRayGrid(halved)}, stream_.get());
-      QueueDepths(camera, estimate.get());
-      FinishClock();
-      return EngineEstimatePtr(estimate);
-    });
-  }
-  std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
-                                              const PlanarPriorOptions& options) override {
-    Validate(options);
-    CheckDepthRange("depth range of the support points", range);
-    const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
-    return OnDevice([&] {
-      const int size = options.cell_size_px;
-      const ImageView<SupportPoint> cells =
-          support_points_.Reserve(device_, CellsOf(maps.width, size), CellsOf(maps.height, size));
-      const size_t count = static_cast<size_t>(cells.width) * cells.height;
-      LaunchFindSupport({maps.depth.View(), maps.cost.View(), range.min, range.max, options.max_support_cost, size},
-                        cells, stream_.get());
-      SupportPoint* staged = staging_.Reserve<SupportPoint>(count);
-      support_points_.pixels.Download(staged, count, stream_);
-      stream_.Synchronize();
-      std::vector<SupportPoint> points;
-      points.reserve(count);
-      std::copy_if(staged, staged + count, std::back_inserter(points),
-                   [](const SupportPoint& point) { return point.depth > 0; });
-      return points;
-    });
-  }
-
-  // Filling.
-
   EngineEstimatePtr FillUnverified(const EngineProblem& problem, EngineEstimatePtr start,
                                    const FillOptions& options) override {
     Cast<CudaEstimate>(start);
@@ -198,37 +42,6 @@ class CudaDepthEngine final : public DepthEngine {
       return EngineEstimatePtr(estimate);
     });
   }
-  EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override {
-    const PatchMatchProblem match = MakePatchMatchProblem(problem, 0);
-    const PinholeCamera& camera = match.reference.camera;
-    CheckStartSize(start, camera);
-    return OnDevice([&] {
-      std::shared_ptr<CudaEstimate> estimate = UseUp(start);
-      if (!estimate) {
-        const CudaEstimate& from = Cast<CudaEstimate>(start);
-        StartClock();
-        estimate = QueueCopy(from);
-        estimate->depth.pixels.CopyFrom(from.depth.pixels, from.Pixels(), stream_);  // planes stay, so do their depths
-        FinishClock();
-      }
-      const std::shared_lock<std::shared_mutex> images(device_->images_mutex());
-      CudaMatchContext context = MakeContext(problem, match, 0, {}, Pass::kGeometric, 0, estimate.get());
-      context.selected_views = {};  // none are written: the depths keep their memory
-      FillContext textured = MakeTexturedContext(camera, estimate->planes.View(), estimate->cost.View());
-      const int cols = CellsOf(camera.width, textured.cell_size), rows = CellsOf(camera.height, textured.cell_size);
-      const ImageView<float> evidence = evidence_.Reserve(device_, cols, rows);
-      textured.fitted = fitted_.Reserve(device_, cols, rows);
-      textured.nearest = nearest_.Reserve(device_, cols, rows);
-      StartClock();
-      LaunchMeasureEvidence(context, textured.cell_size, evidence, stream_.get());
-      LaunchFreeSpaceCheck(textured, evidence, stream_.get());
-      FinishClock();
-      return EngineEstimatePtr(estimate);
-    });
-  }
-
-  // Confidence and points.
-
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override {
     return CheckConsistency(reference, sources, options, true);
@@ -253,281 +66,15 @@ class CudaDepthEngine final : public DepthEngine {
     });
   }
 
-  // The way to the host, back, and from one GPU to another.
-
-  EstimateMaps Download(const EngineEstimatePtr& estimate) override {
-    const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
-    return OnDevice([&] {
-      EstimateMaps result = {DepthMap(maps.width, maps.height), NormalMap(maps.width, maps.height),
-                             CostMap(maps.width, maps.height)};
-      download_.Run(maps.depth.pixels, maps.Pixels(), stream_, result.depth.data());
-      download_.Run(maps.cost.pixels, maps.Pixels(), stream_, result.cost.data());
-      download_.Run(maps.planes.pixels, maps.Pixels(), stream_,
-                    [&](size_t begin, const PlaneHypothesis* planes, size_t size) {
-                      Vec3f* normals = result.normal.data() + begin;
-                      tbb::parallel_for(tbb::blocked_range<size_t>(0, size, 1 << 15),
-                                        [&](const tbb::blocked_range<size_t>& range) {
-                                          for (size_t i = range.begin(); i < range.end(); ++i)
-                                            normals[i] = planes[i].normal();
-                                        });
-                    });
-      return result;
-    });
-  }
-  DepthMap DownloadDepth(const EngineEstimatePtr& estimate) override {
-    const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
-    return OnDevice([&] {
-      DepthMap depth(maps.width, maps.height);
-      download_.Run(maps.depth.pixels, maps.Pixels(), stream_, depth.data());
-      return depth;
-    });
-  }
-  EstimateState DownloadState(const EngineEstimatePtr& estimate) override {
-    const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
-    return OnDevice([&] {
-      EstimateState state = {PlaneMap(maps.width, maps.height), CostMap(maps.width, maps.height)};
-      download_.Run(maps.planes.pixels, maps.Pixels(), stream_, state.planes.data());
-      download_.Run(maps.cost.pixels, maps.Pixels(), stream_, state.cost.data());
-      return state;
-    });
-  }
-  EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override {
-    CheckUpload(state, camera);
-    return OnDevice([&] {
-      const std::shared_ptr<CudaEstimate> estimate = NewEstimate(camera);
-      estimate->planes.pixels.Upload(state.planes.data(), estimate->Pixels(), stream_);
-      estimate->cost.pixels.Upload(state.cost.data(), estimate->Pixels(), stream_);
-      QueueDepths(camera, estimate.get());
-      stream_.Synchronize();
-      return EngineEstimatePtr(estimate);
-    });
-  }
-  EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override {
-    CheckUpload(maps, camera);
-    return OnDevice([&] {
-      const std::shared_ptr<CudaEstimate> estimate = NewEstimate(camera);
-      const size_t pixels = estimate->Pixels();
-      auto* planes = staging_.Reserve<PlaneHypothesis>(pixels + pixels / 2 + 1);
-      auto* depth = reinterpret_cast<float*>(planes + pixels);
-      float* cost = depth + pixels;
-      const RayGrid rays = MakeRayGrid(camera);
-      tbb::parallel_for(0, camera.height, [&](int row) {
-        const size_t begin = static_cast<size_t>(row) * camera.width;
-        std::copy_n(&maps.depth(0, row), camera.width, depth + begin);
-        std::copy_n(&maps.cost(0, row), camera.width, cost + begin);
-        for (int col = 0; col < camera.width; ++col) {
-          const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
-          planes[begin + col] = PlaneThrough(maps.normal(col, row), ray, maps.depth(col, row));
-        }
-      });
-      estimate->planes.pixels.Upload(planes, pixels, stream_);
-      estimate->depth.pixels.Upload(depth, pixels, stream_);
-      estimate->cost.pixels.Upload(cost, pixels, stream_);
-      stream_.Synchronize();
-      return EngineEstimatePtr(estimate);
-    });
-  }
-  EngineEstimatePtr Import(const EngineEstimatePtr& estimate) override {
-    const auto* from = dynamic_cast<const CudaEstimate*>(estimate.get());
-    if (from == nullptr) throw InvalidInputError("a handle is null or not of a GPU");
-    if (from->device == device_) return estimate;
-    return OnDevice([&] {
-      auto copy = std::make_shared<CudaEstimate>(device_, from->width, from->height);
-      copy->planes.pixels.CopyFromPeer(from->planes.pixels, copy->Pixels(), stream_);
-      copy->cost.pixels.CopyFromPeer(from->cost.pixels, copy->Pixels(), stream_);
-      copy->depth.pixels.CopyFromPeer(from->depth.pixels, copy->Pixels(), stream_);
-      stream_.Synchronize();
-      return EngineEstimatePtr(copy);
-    });
-  }
-
  private:
-  /// Throws InvalidInputError for null and for what belongs to another device.
-  template <class Handle, class Base>
-  const Handle& Cast(const std::shared_ptr<const Base>& handle) const {
-    const auto* cast = dynamic_cast<const Handle*>(handle.get());
-    if (cast == nullptr || cast->device != device_) {
-      throw InvalidInputError("a handle is null or belongs to another device");
-    }
-    return *cast;
-  }
   static CudaStamps& CastStamps(FusionStamps* stamps) {
     auto* gpu_stamps = dynamic_cast<CudaStamps*>(stamps);
     if (gpu_stamps == nullptr) throw InvalidInputError("stamps: null or not of a GPU");
     return *gpu_stamps;
   }
-  int LevelOfEstimate(const EngineProblem& problem, const EngineEstimatePtr& estimate) const {
-    const CudaEstimate& of_size = Cast<CudaEstimate>(estimate);
-    return LevelOf(problem, of_size.width, of_size.height);
-  }
-  void CheckStartSize(const EngineEstimatePtr& start, const PinholeCamera& camera) const {
-    const CudaEstimate& from = Cast<CudaEstimate>(start);
-    CheckSize("start", from.width, from.height, camera);
-  }
   static size_t PixelsOf(const FusionSetup& setup) {
     return static_cast<size_t>(setup.camera().width) * setup.camera().height;
   }
-
-  /// Runs `work` with the device selected for this thread; after a failure nothing is left under way.
-  template <class Work>
-  auto OnDevice(const Work& work) -> decltype(work()) {
-    device_->MakeCurrent();
-    try {
-      return work();
-    } catch (...) {
-      cudaStreamSynchronize(stream_.get());  // queued work must not outlive the memory it uses
-      cudaGetLastError();
-      throw;
-    }
-  }
-  void StartClock() { begin_.Record(stream_); }
-  /// Waits for all that was queued and counts the device's time since StartClock.
-  void FinishClock() {
-    end_.Record(stream_);
-    stream_.Synchronize();
-    counted_ms_ += CudaEvent::ElapsedMs(begin_, end_);
-  }
-
-  /// The map on the device; waits for the copy.
-  template <class T>
-  DeviceMap<T> CopyToDevice(const Image<T>& map) {
-    DeviceMap<T> copy(device_, map.width(), map.height());
-    T* staged = staging_.Reserve<T>(map.size());
-    ParallelCopy(map.data(), map.size(), staged);
-    copy.pixels.Upload(staged, map.size(), stream_);
-    stream_.Synchronize();
-    return copy;
-  }
-  /// The view's colours; empty where the frame has none.
-  ImageView<const Rgb> ColorOf(const EngineView& view) {
-    if (view.frame->color.empty()) return {};
-    const CudaImage& image = Cast<CudaImage>(view.image);
-    const std::lock_guard<std::mutex> lock(image.color_mutex);
-    if (image.color.width == 0) image.color = CopyToDevice(view.frame->color);
-    return std::as_const(image.color).View();
-  }
-
-  std::shared_ptr<CudaEstimate> NewEstimate(const PinholeCamera& camera) const {
-    return std::make_shared<CudaEstimate>(device_, camera.width, camera.height);
-  }
-  /// The estimate itself if nobody else holds it, else null.
-  static std::shared_ptr<CudaEstimate> UseUp(const EngineEstimatePtr& start) {
-    if (!IsUnique(start)) return nullptr;
-    // It was not made const, and nobody is left to see it.
-    return std::const_pointer_cast<CudaEstimate>(std::static_pointer_cast<const CudaEstimate>(start));
-  }
-  /// Queues a copy of planes and costs.
-  std::shared_ptr<CudaEstimate> QueueCopy(const CudaEstimate& from) const {
-    auto copy = std::make_shared<CudaEstimate>(device_, from.width, from.height);
-    copy->planes.pixels.CopyFrom(from.planes.pixels, from.Pixels(), stream_);
-    copy->cost.pixels.CopyFrom(from.cost.pixels, from.Pixels(), stream_);
-    return copy;
-  }
-  /// An estimate with the start's planes and costs: itself if nobody else holds it, else a copy that is queued.
-  std::shared_ptr<CudaEstimate> Continue(const EngineEstimatePtr& start) const {
-    std::shared_ptr<CudaEstimate> used_up = UseUp(start);
-    if (!used_up) return QueueCopy(Cast<CudaEstimate>(start));
-    used_up->inverse_depth = {};
-    return used_up;
-  }
-  /// Queues the depths of the estimate's planes.
-  void QueueDepths(const PinholeCamera& camera, CudaEstimate* estimate) const {
-    LaunchToDepth(estimate->planes.View(), MakeRayGrid(camera), estimate->depth.View(), stream_.get());
-  }
-
-  /// The halved depths that geometric passes of other views read. The estimate keeps them: made now if they have not
-  /// been.
-  HalvedDepth HalvedOf(const CudaEstimate& estimate) {
-    const std::lock_guard<std::mutex> lock(estimate.halved_mutex);
-    if (estimate.inverse_depth.width == 0) {
-      StartClock();
-      FinishHalved(estimate);
-    }
-    return {std::as_const(estimate.inverse_depth).View(), estimate.inverse_step};
-  }
-  /// Halves the depths, waits for all that was queued and stops the clock.
-  void FinishHalved(const CudaEstimate& estimate) {
-    DeviceMap<uint16_t> halved(device_, HalvedSize(estimate.width), HalvedSize(estimate.height));
-    largest_inverse_.Reserve(device_, 1);
-    LaunchHalveDepth(estimate.depth.View(), largest_inverse_.data(), halved.View(), stream_.get());
-    float* largest_inverse = largest_inverse_on_host_.Reserve<float>(1);
-    largest_inverse_.Download(largest_inverse, 1, stream_);
-    FinishClock();
-    estimate.inverse_depth = std::move(halved);
-    estimate.inverse_step = *largest_inverse / kInverseSteps;
-  }
-
-  /// Queues the upload of the triangles.
-  void QueueUpload(const PriorMesh& mesh) {
-    const size_t count = mesh.triangles.size();
-    num_triangles_ = static_cast<int>(count);
-    triangles_.Reserve(device_, count);
-    planes_.Reserve(device_, count);
-    if (count == 0) return;
-    auto* planes =
-        staging_.Reserve<PlaneHypothesis>(count + count * sizeof(TriangleCorners) / sizeof(PlaneHypothesis) + 1);
-    auto* corners = reinterpret_cast<TriangleCorners*>(planes + count);
-    tbb::parallel_for(size_t{0}, count, [&](size_t i) {
-      planes[i] = mesh.planes[i];
-      corners[i] = mesh.triangles[i];
-    });
-    planes_.Upload(planes, count, stream_);
-    triangles_.Upload(corners, count, stream_);
-  }
-
-  /// The context of a pass over an estimate, until the next call: geometric passes read the sources' depths, the views
-  /// that pixels select take the place of the estimate's depths, and there is no prior. Queues the upload of what it
-  /// points to: whoever then starts the clock does not count the host's work. The caller holds images_mutex() shared
-  /// from here until the stream has been waited for. Throws InvalidInputError unless the sources' estimates are of the
-  /// level.
-  /// @param match MakePatchMatchProblem of the problem at that level
-  CudaMatchContext MakeContext(const EngineProblem& problem, const PatchMatchProblem& match, int level,
-                               const PatchMatchOptions& options, Pass kind, int geometric_pass,
-                               CudaEstimate* estimate) {
-    const size_t count = problem.sources.size();
-    views_.Reserve(device_, kMaxSourceViews);
-    full_depths_.Reserve(device_, kMaxSourceViews);
-    mask_distances_.Reserve(device_, kMaxSourceViews);
-    SourceView* views = host_views_.Reserve<SourceView>(kMaxSourceViews);
-    auto* full_depths = host_full_depths_.Reserve<ImageView<const float>>(kMaxSourceViews);
-    auto* mask_distances = host_mask_distances_.Reserve<ImageView<const unsigned char>>(kMaxSourceViews);
-    const std::vector<SourceView> projections = MakeSourceViews(match);
-    std::copy(projections.begin(), projections.end(), views);
-
-    CudaMatchContext context = MakeMatchContext<TextureSampler>(match, options, kind, geometric_pass);
-    const CudaImage& reference = Cast<CudaImage>(problem.reference.image);
-    context.sampler.images = device_->images(level).texture();
-    context.sampler.reference = reference.Layer(level);
-    bool has_masks = false;
-    for (size_t i = 0; i < count; ++i) {
-      const EngineView& source = problem.sources[i];
-      const CudaImage& image = Cast<CudaImage>(source.image);
-      context.sampler.layers[i] = image.Layer(level);
-      mask_distances[i] = image.MaskDistance(level);
-      has_masks |= !mask_distances[i].empty();
-      full_depths[i] = {};
-      if (kind != Pass::kGeometric || !source.estimate) continue;
-      const CudaEstimate& maps = Cast<CudaEstimate>(source.estimate);
-      CheckSize("estimate of a source view", maps.width, maps.height, match.sources[i].camera);
-      if (options.method == Method::kOurs) {
-        views[i].depth = HalvedOf(maps);
-      } else {
-        full_depths[i] = maps.depth.View();
-      }
-    }
-    views_.Upload(views, count, stream_);
-    full_depths_.Upload(full_depths, count, stream_);
-    if (has_masks) mask_distances_.Upload(mask_distances, count, stream_);
-    context.sources = views_.data();
-    context.full_depths = full_depths_.data();
-    context.source_mask_distances = has_masks ? mask_distances_.data() : nullptr;
-    context.mask_distance = reference.MaskDistance(level);
-    context.planes = estimate->planes.View();
-    context.cost = estimate->cost.View();
-    context.selected_views = estimate->NumbersView();
-    return context;
-  }
-
   /// Queues FillUnverified without the median.
   /// @param setup the reference's maps as they were before, and its source views
   /// @param context from MakeFillContext
@@ -568,12 +115,7 @@ class CudaDepthEngine final : public DepthEngine {
     return result;
   }
   /// The setup's context, with its sources queued.
-  FusionContext QueueSources(const FusionSetup& setup) {
-    const size_t count = setup.sources().size();
-    sources_.Reserve(device_, count);
-    if (count > 0) sources_.Upload(setup.sources().data(), count, stream_);
-    return setup.Context(sources_.data());
-  }
+  FusionContext QueueSources(const FusionSetup& setup) { return setup.Context(Uploaded(setup.sources(), &sources_)); }
   /// The same with the odds of its depths queued.
   FusionContext QueueOdds(const FusionSetup& setup) {
     const FusionContext context = QueueSources(setup);
@@ -598,37 +140,16 @@ class CudaDepthEngine final : public DepthEngine {
       } else {
         launch({0, PixelsOf(setup)}, {});
       }
-      result.confidence = ConfidenceMap(width, height);
-      download_.Run(confidence_.pixels, result.confidence.size(), stream_, result.confidence.data());
+      result.confidence = Fetch(confidence_);
       return result;
     });
   }
 
-  const CudaDevicePtr device_;
-  const CudaStream stream_;
-  CudaEvent begin_, end_;
-  double counted_ms_ = 0;
-  PinnedBuffer staging_;  ///< for one copy at a time, which is waited for before the next use
-  StagedDownload download_;
   PointDownload points_;
-  // Of a pass.
-  DeviceArray<SourceView> views_;
-  DeviceArray<ImageView<const float>> full_depths_;
-  DeviceArray<ImageView<const unsigned char>> mask_distances_;
-  PinnedBuffer host_views_, host_full_depths_, host_mask_distances_;
-  DeviceArray<float> largest_inverse_;
-  PinnedBuffer largest_inverse_on_host_;
-  // Of the prior.
-  DeviceMap<SupportPoint> support_points_;
-  int num_triangles_ = 0;
-  DeviceArray<PlaneHypothesis> planes_;  ///< of the triangles
-  DeviceArray<TriangleCorners> triangles_;
-  // Of filling and fusion.
   DeviceArray<FusionSource> sources_;
   DeviceMap<ViewSupport> support_;
-  DeviceMap<SeedCell> seeds_, fitted_;
-  DeviceMap<NearestSeeds> nearest_;
-  DeviceMap<float> evidence_, confidence_;
+  DeviceMap<SeedCell> seeds_;
+  DeviceMap<float> confidence_;
   DeviceArray<float> log_odds_;
 };
 

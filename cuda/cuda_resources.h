@@ -4,10 +4,15 @@
 
 #include <cstddef>
 
+#include "acmp_mapping/common/error.h"
+
 namespace acmp {
 
 /// Throws ProcessingError "what: CUDA's own text" unless `status` is cudaSuccess.
-void CudaCheck(cudaError_t status, const char* what);
+inline void CudaCheck(cudaError_t status, const char* what) {
+  if (status == cudaSuccess) return;
+  throw ProcessingError(Concat(what, ": ", cudaGetErrorString(status), " (", cudaGetErrorName(status), ")"));
+}
 
 /// Owns a non-blocking stream. Nothing of ours runs on the default stream.
 class CudaStream {
@@ -62,7 +67,20 @@ class PinnedBuffer {
   }
 
  private:
-  void* ReserveBytes(size_t bytes);
+  void* ReserveBytes(size_t bytes) {
+    if (bytes <= capacity_) return data_;
+    cudaFreeHost(data_);
+    data_ = nullptr;
+    capacity_ = 0;
+    const cudaError_t status = cudaHostAlloc(&data_, bytes, cudaHostAllocDefault);
+    if (status != cudaSuccess) {
+      cudaGetLastError();  // out of memory is not sticky: the device stays usable
+      data_ = nullptr;
+      CudaCheck(status, Concat("allocate ", bytes, " bytes of page-locked memory").c_str());
+    }
+    capacity_ = bytes;
+    return data_;
+  }
 
   void* data_ = nullptr;
   size_t capacity_ = 0;

@@ -251,17 +251,10 @@ EngineEstimatePtr HostDepthEngine::UploadState(EstimateState state, const Pinhol
 }
 
 EngineEstimatePtr HostDepthEngine::UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) {
-  CheckUpload(maps, camera);
   auto estimate = std::make_shared<HostEstimate>();
+  estimate->planes = MakePlanes(maps, camera);
   estimate->depth = Clone(maps.depth);
   estimate->cost = Clone(maps.cost);
-  estimate->planes = PlaneMap(camera.width, camera.height);
-  const RayGrid rays = MakeRayGrid(camera);
-  ForEachPixel(camera.width, camera.height, [&](int col, int row) {
-    const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
-    const float depth = maps.depth(col, row);
-    if (depth > 0) estimate->planes(col, row) = PlaneThrough(maps.normal(col, row), ray, depth);
-  });
   return estimate;
 }
 

@@ -134,15 +134,11 @@ PointCloud MergeClouds(const std::vector<PlacedCloud>& clouds, float voxel_size)
   std::vector<VoxelEntry> entries(points.size());
   tbb::parallel_for(size_t{0}, points.size(), [&](size_t i) { entries[i] = Locate(points[i], i, voxel_size); });
   tbb::parallel_sort(entries.begin(), entries.end());
-  const auto is_first = [&](size_t i) { return i == 0 || !entries[i].SameVoxel(entries[i - 1]); };
-  size_t voxels = 0;
-  for (size_t i = 0; i < entries.size(); ++i) voxels += is_first(i);
   std::vector<uint32_t> begins;  // of each voxel's entries, and the end of the last one's
-  begins.reserve(voxels + 1);
   for (size_t i = 0; i < entries.size(); ++i) {
-    if (is_first(i)) begins.push_back(static_cast<uint32_t>(i));
+    if (i == 0 || !entries[i].SameVoxel(entries[i - 1])) begins.push_back(static_cast<uint32_t>(i));
   }
-  PointCloud means(voxels);
+  PointCloud means(begins.size());
   begins.push_back(static_cast<uint32_t>(entries.size()));
   tbb::parallel_for(tbb::blocked_range<size_t>(0, means.size()), [&](const tbb::blocked_range<size_t>& range) {
     PointCloud members;

@@ -68,7 +68,6 @@ std::vector<Coord> BlocksInBand(const SurfaceView& view, const DistanceVolumeOpt
   const double voxel = options.voxel_size;
   constexpr int kSamples = 7;  // along a ray: two voxels apart at most
   std::vector<std::vector<Coord>> rows(static_cast<size_t>(view.depth.height));
-  std::vector<char> too_far(rows.size(), 0);
   tbb::parallel_for(size_t{0}, rows.size(), [&](size_t row) {
     Coord last[kSamples];
     std::fill(last, last + kSamples, Coord::max());
@@ -82,8 +81,8 @@ std::vector<Coord> BlocksInBand(const SurfaceView& view, const DistanceVolumeOpt
         const double along = 1 + reach * (2.0 * sample / (kSamples - 1) - 1);
         const Eigen::Vector3d index = (world_from_cam * (along * point)) / voxel;
         if (!(index.cwiseAbs().maxCoeff() < kMaxIndex)) {
-          too_far[row] = 1;
-          return;
+          throw InvalidInputError(Concat("a surface lies more than 2^30 voxels of ", voxel,
+                                         " from the origin: the voxel size must be larger"));
         }
         const Coord voxel_at = Coord::round(openvdb::Vec3d(index.x(), index.y(), index.z()));
         const Coord block = voxel_at & ~(kLeafSize - 1);
@@ -93,10 +92,6 @@ std::vector<Coord> BlocksInBand(const SurfaceView& view, const DistanceVolumeOpt
       }
     }
   });
-  if (std::count(too_far.begin(), too_far.end(), 1) > 0) {
-    throw InvalidInputError(
-        Concat("a surface lies more than 2^30 voxels of ", voxel, " from the origin: the voxel size must be larger"));
-  }
   std::vector<Coord> blocks;
   for (const std::vector<Coord>& row : rows) blocks.insert(blocks.end(), row.begin(), row.end());
   tbb::parallel_sort(blocks.begin(), blocks.end());

@@ -20,27 +20,34 @@ constexpr double kMaxDrawn = 200;     ///< times that a pixel is drawn, on avera
 
 bool IsInView(const Vec3f& p) { return p.z > 0 && std::max(std::abs(p.x), std::abs(p.y)) <= kMaxTangent * p.z; }
 
-/// Throws nothing; `points` are in view and at least one.
-PinholeCamera CameraAround(const PointCloud& points, double spacing) {
+/// Of the points before the camera: depths, and the box around x and y at z = 1.
+struct PointExtent {
   std::vector<float> depths;
-  float low[2] = {kMaxTangent, kMaxTangent}, high[2] = {-kMaxTangent, -kMaxTangent};
+  Eigen::AlignedBox2f box;
+};
+
+PointExtent PointExtentOf(const PointCloud& points) {
+  PointExtent extent;
   for (const SurfacePoint& point : points) {
     const Vec3f& p = point.position;
-    depths.push_back(p.z);
-    const float tangents[2] = {p.x / p.z, p.y / p.z};
-    for (int axis = 0; axis < 2; ++axis) {
-      low[axis] = std::min(low[axis], tangents[axis]);
-      high[axis] = std::max(high[axis], tangents[axis]);
-    }
+    if (!(p.z > 0)) continue;
+    extent.depths.push_back(p.z);
+    extent.box.extend(Eigen::Vector2f(p.x / p.z, p.y / p.z));
   }
-  const double width = high[0] - low[0], height = high[1] - low[1];
-  const double focal = std::min(Median(depths) / spacing, (kMaxSize - 2) / std::max({width, height, 1e-9}));
-  return {static_cast<int>(std::ceil(focal * width)) + 1,
-          static_cast<int>(std::ceil(focal * height)) + 1,
+  return extent;
+}
+
+/// Throws nothing; `points` are in view and at least one.
+PinholeCamera CameraAround(const PointCloud& points, double spacing) {
+  const PointExtent extent = PointExtentOf(points);
+  const Eigen::Vector2d size = extent.box.sizes().cast<double>(), low = extent.box.min().cast<double>();
+  const double focal = std::min(Median(extent.depths) / spacing, (kMaxSize - 2) / std::max(size.maxCoeff(), 1e-9));
+  return {static_cast<int>(std::ceil(focal * size.x())) + 1,
+          static_cast<int>(std::ceil(focal * size.y())) + 1,
           focal,
           focal,
-          -focal * low[0],
-          -focal * low[1]};
+          -focal * low.x(),
+          -focal * low.y()};
 }
 
 /// Draws points into maps; of the squares that cover a pixel the one whose middle is nearest stays.
@@ -151,14 +158,7 @@ SurfaceMaps SplatPoints(const PointCloud& points_in_camera, const PosedCamera& c
 
 double PointSpacing(const PointCloud& points_in_camera, double voxel_size) {
   constexpr double kHalfCovered = 0.7;  // of the box around them points cover half or more
-  std::vector<float> depths;
-  Eigen::AlignedBox2f box;
-  for (const SurfacePoint& point : points_in_camera) {
-    const Vec3f& p = point.position;
-    if (!(p.z > 0)) continue;
-    depths.push_back(p.z);
-    box.extend(Eigen::Vector2f(p.x / p.z, p.y / p.z));
-  }
+  const auto [depths, box] = PointExtentOf(points_in_camera);
   if (depths.empty()) return 0;
   return std::max(voxel_size,
                   kHalfCovered * Median(depths) * std::sqrt(box.volume() / static_cast<double>(depths.size())));

@@ -93,7 +93,7 @@ EstimateState RunPass(const PatchMatchProblem& problem, const PatchMatchOptions&
   if (kind == Pass::kPhotometric) {
     state = {PlaneMap(camera.width, camera.height), CostMap(camera.width, camera.height)};
   } else {
-    CheckStart(problem, state);
+    CheckSize("start", state.planes.width(), state.planes.height(), camera);
   }
   if (kind == Pass::kPlanarPrior) CheckSize("prior", prior.numbers.width, prior.numbers.height, camera);
   const HostSources sources(problem, options.method);

@@ -28,6 +28,20 @@ void CheckMatchView(const std::string& name, const MatchView& view) {
   if (!view.mask_distance.empty()) check_size("mask", view.mask_distance.width, view.mask_distance.height);
 }
 
+HalvedDepthMap HalveDepth(const ImageView<const float>& depth) {
+  HalvedDepthMap halved = {Image<uint16_t>(HalvedSize(depth.width), HalvedSize(depth.height)), 0};
+  float largest = 0;
+  for (int row = 0; row < depth.height; ++row) {
+    for (int col = 0; col < depth.width; ++col) largest = std::max(largest, InverseOfDepth(depth(col, row)));
+  }
+  if (!(largest > 0)) return halved;  // nothing is known
+  halved.step = largest / kInverseSteps;
+  ForEachPixel(halved.inverse.width(), halved.inverse.height(), [&](int col, int row) {
+    halved.inverse(col, row) = StepsOfInverse(HalvedInverseDepth(depth, col, row), halved.step);
+  });
+  return halved;
+}
+
 }  // namespace
 
 void Validate(const PatchMatchOptions& options) {
@@ -93,20 +107,6 @@ std::vector<SourceView> MakeSourceViews(const PatchMatchProblem& problem) {
   return views;
 }
 
-HalvedDepthMap HalveDepth(const ImageView<const float>& depth) {
-  HalvedDepthMap halved = {Image<uint16_t>(HalvedSize(depth.width), HalvedSize(depth.height)), 0};
-  float largest = 0;
-  for (int row = 0; row < depth.height; ++row) {
-    for (int col = 0; col < depth.width; ++col) largest = std::max(largest, InverseOfDepth(depth(col, row)));
-  }
-  if (!(largest > 0)) return halved;  // nothing is known
-  halved.step = largest / kInverseSteps;
-  ForEachPixel(halved.inverse.width(), halved.inverse.height(), [&](int col, int row) {
-    halved.inverse(col, row) = StepsOfInverse(HalvedInverseDepth(depth, col, row), halved.step);
-  });
-  return halved;
-}
-
 std::vector<HalvedDepthMap> HalveDepths(const PatchMatchProblem& problem) {
   std::vector<HalvedDepthMap> halved;
   halved.reserve(problem.sources.size());
@@ -123,24 +123,6 @@ uint32_t PassNumber(Pass kind, int geometric_pass) {
   if (kind == Pass::kPhotometric) return 0;
   if (kind == Pass::kPlanarPrior) return 1;
   return 2u + static_cast<uint32_t>(geometric_pass);
-}
-
-void CheckStart(const PatchMatchProblem& problem, const EstimateState& start) {
-  const PinholeCamera& camera = problem.reference.camera;
-  CheckSize("start.planes", start.planes.width(), start.planes.height(), camera);
-  CheckSize("start.cost", start.cost.width(), start.cost.height(), camera);
-  const RayGrid rays = MakeRayGrid(camera);
-  const bool has_mask = !problem.reference.mask_distance.empty();
-  for (int row = 0; row < camera.height; ++row) {
-    for (int col = 0; col < camera.width; ++col) {
-      const PlaneHypothesis& plane = start.planes(col, row);
-      const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-      if (plane.d > 0 && depth > 0 && std::isfinite(depth)) continue;
-      if (has_mask && plane.d == 0 && Norm(plane.normal()) == 0) continue;
-      throw InvalidInputError(Concat("start.planes: pixel (", col, ", ", row, "): d = ", plane.d, ", depth = ", depth,
-                                     ": must both be positive and finite"));
-    }
-  }
 }
 
 }  // namespace acmp

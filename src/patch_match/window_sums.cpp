@@ -4,7 +4,9 @@
 #include <cstring>
 
 // GNU vectors (gcc and clang, any processor) instead of one processor's intrinsics. Products and sums must not fuse in
-// this file (-ffp-contract=off), so that a variant's results do not depend on what its instruction set has.
+// this file (-ffp-contract=off), so that a variant's results do not depend on what its instruction set has. A variant
+// is a function for its set, into which all else is compiled (ACMP_PART), with registers of as many lanes as the set
+// has.
 
 namespace acmp {
 namespace {
@@ -22,6 +24,8 @@ typedef int64_t Pairs8 __attribute__((vector_size(32)));
 #define ACMP_SHUFFLE(Floats, a, b, ...) \
   __builtin_shuffle((Floats)(a), (Floats)(b), (decltype((Floats){} < (Floats){})){__VA_ARGS__})
 #endif
+
+#define ACMP_PART inline __attribute__((always_inline))
 
 /// Eight lanes hold the samples in this order, which separating pairs within each half of a register gives.
 constexpr int kLaneSamples[8] = {0, 1, 4, 5, 2, 3, 6, 7};
@@ -56,7 +60,7 @@ struct WindowCells {
   alignas(32) float fy[kLanes];
 };
 
-inline int64_t LoadPair(const float* pair) {
+ACMP_PART int64_t LoadPair(const float* pair) {
   int64_t bits;
   memcpy(&bits, pair, sizeof(bits));
   return bits;
@@ -90,7 +94,7 @@ struct PatchValues {
   alignas(32) float inside[kPatchSamples];  ///< 1 inside the image, 0 outside
 };
 
-inline void LoadValues(const ImageView<const float>& reference, int col, int row, PatchValues* values) {
+ACMP_PART void LoadValues(const ImageView<const float>& reference, int col, int row, PatchValues* values) {
   const float center = reference(col, row);
   const bool whole = reference.Contains(col - kPatchRadius, row - kPatchRadius) &&
                      reference.Contains(col + kPatchRadius, row + kPatchRadius);
@@ -102,30 +106,194 @@ inline void LoadValues(const ImageView<const float>& reference, int col, int row
   }
 }
 
-namespace four {
-#define ACMP_LANES 4
-#define ACMP_LANES_TARGET
-#include "window_lanes.inc"
-#undef ACMP_LANES
-#undef ACMP_LANES_TARGET
-}  // namespace four
+/// The floats of pairs, as two arrays.
+ACMP_PART void Separate(const Pairs4& low, const Pairs4& high, Floats4* first, Floats4* second) {
+  *first = ACMP_SHUFFLE(Floats4, low, high, 0, 2, 4, 6);
+  *second = ACMP_SHUFFLE(Floats4, low, high, 1, 3, 5, 7);
+}
+ACMP_PART void Separate(const Pairs8& low, const Pairs8& high, Floats8* first, Floats8* second) {
+  *first = ACMP_SHUFFLE(Floats8, low, high, 0, 2, 8, 10, 4, 6, 12, 14);
+  *second = ACMP_SHUFFLE(Floats8, low, high, 1, 3, 9, 11, 5, 7, 13, 15);
+}
+
+/// Pairs from as many addresses as there are lanes, as two arrays.
+ACMP_PART void LoadPairs(const float* base, const int* offset, Floats4* first, Floats4* second) {
+  const Pairs4 low = {LoadPair(base + offset[0]), LoadPair(base + offset[1])};
+  const Pairs4 high = {LoadPair(base + offset[2]), LoadPair(base + offset[3])};
+  Separate(low, high, first, second);
+}
+ACMP_PART void LoadPairs(const float* base, const int* offset, Floats8* first, Floats8* second) {
+  const float* p[8];
+  for (int i = 0; i < 8; ++i) p[i] = base + offset[i];
+  const Pairs8 low = {LoadPair(p[0]), LoadPair(p[1]), LoadPair(p[4]), LoadPair(p[5])};
+  const Pairs8 high = {LoadPair(p[2]), LoadPair(p[3]), LoadPair(p[6]), LoadPair(p[7])};
+  Separate(low, high, first, second);
+}
+
+/// Eight lanes, in one register or two: the lower four plus the upper ones.
+ACMP_PART void AddHalves(const Floats4 (&eight)[2], Floats4* sum) { *sum = eight[0] + eight[1]; }
+ACMP_PART void AddHalves(const Floats8 (&eight)[1], Floats4* sum) {
+  Floats4 halves[2];
+  memcpy(halves, eight, sizeof(halves));
+  *sum = halves[0] + halves[1];
+}
+
+ACMP_PART float SumLanes(const Floats4& lanes) { return (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]); }
+
+/// Where the samples of the lanes from `lane` on lie in the source image.
+template <class Floats, class Ints>
+ACMP_PART void FindCells(const ImageView<const float>& image, const PlaneWarp& warp, int lane, WindowCells* cells) {
+  const Floats zero = {};
+  // One unit in the last place before the last column and row, so that a cell always has a next one.
+  constexpr float kBelowOne = 1.0f - 0x1p-24f;
+  const Floats max_x = zero + kBelowOne * static_cast<float>(image.width - 1);
+  const Floats max_y = zero + kBelowOne * static_cast<float>(image.height - 1);
+  Floats dx, dy;
+  memcpy(&dx, kLaneOffsets.col + lane, sizeof(dx));
+  memcpy(&dy, kLaneOffsets.row + lane, sizeof(dy));
+  const Floats inv_z = 1.0f / (warp.center.z + dx * warp.step_col.z + dy * warp.step_row.z);
+  Floats x = (warp.center.x + dx * warp.step_col.x + dy * warp.step_row.x) * inv_z;
+  Floats y = (warp.center.y + dx * warp.step_col.y + dy * warp.step_row.y) * inv_z;
+  // As Clamp: NaN becomes 0.
+  x = x > zero ? x : zero;
+  y = y > zero ? y : zero;
+  x = x < max_x ? x : max_x;
+  y = y < max_y ? y : max_y;
+  const Ints x0 = __builtin_convertvector(x, Ints);  // the cell's upper left pixel
+  const Ints y0 = __builtin_convertvector(y, Ints);
+  const Floats fx = x - __builtin_convertvector(x0, Floats);
+  const Floats fy = y - __builtin_convertvector(y0, Floats);
+  const Ints offset = y0 * image.stride + x0;
+  memcpy(cells->offset + lane, &offset, sizeof(offset));
+  memcpy(cells->fx + lane, &fx, sizeof(fx));
+  memcpy(cells->fy + lane, &fy, sizeof(fy));
+}
+
+/// Adds the samples of the lanes from `lane` on; `a` and `b` are the patch's samples that they begin with.
+template <class Floats, class Pairs>
+ACMP_PART void AddSamples(const ImageView<const float>& image, const WindowCells& cells, float center, int lane,
+                          const PatchSample* a, const PatchSample* b, Floats* ws, Floats* wss, Floats* wrs) {
+  Floats upper_left, upper_right, lower_left, lower_right, reference, weight, fx, fy;
+  LoadPairs(image.data, cells.offset + lane, &upper_left, &upper_right);
+  LoadPairs(image.data + image.stride, cells.offset + lane, &lower_left, &lower_right);
+  Pairs low, high;
+  memcpy(&low, a, sizeof(low));
+  memcpy(&high, b, sizeof(high));
+  Separate(low, high, &reference, &weight);
+  memcpy(&fx, cells.fx + lane, sizeof(fx));
+  memcpy(&fy, cells.fy + lane, sizeof(fy));
+  const Floats top = upper_left + fx * (upper_right - upper_left);
+  const Floats bottom = lower_left + fx * (lower_right - lower_left);
+  const Floats value = top + fy * (bottom - top) - center;
+  const Floats weighted = weight * value;
+  *ws += weighted;
+  *wss += weighted * value;
+  *wrs += weighted * reference;
+}
+
+/// Lane by lane the same additions in the same order, whatever the registers' width.
+/// @tparam Floats,Ints,Pairs registers of 4 or 8 floats, as many integers, and half as many pairs
+template <class Floats, class Ints, class Pairs>
+ACMP_PART WindowSums SumWindowIn(const ImageView<const float>& image, const PlaneWarp& warp,
+                                 const ReferencePatch& patch) {
+  constexpr int kRegisterLanes = sizeof(Floats) / sizeof(float), kRegisters = 8 / kRegisterLanes;
+  const PatchSample* samples = patch.samples;
+  WindowCells cells;
+  for (int i = 0; i < kPatchSamples; i += kRegisterLanes) FindCells<Floats, Ints>(image, warp, i, &cells);
+  Floats eight[3][kRegisters] = {};
+  for (int i = 0; i < kWideSamples; i += 8) {
+    for (int k = 0; k < kRegisters; ++k) {
+      const PatchSample* first = samples + i + 2 * k;
+      AddSamples<Floats, Pairs>(image, cells, patch.center, i + 4 * k, first, first + 4, &eight[0][k], &eight[1][k],
+                                &eight[2][k]);
+    }
+  }
+  Floats4 sum[3];
+  for (int k = 0; k < 3; ++k) AddHalves(eight[k], &sum[k]);
+  AddSamples<Floats4, Pairs4>(image, cells, patch.center, kWideSamples, samples + kWideSamples,
+                              samples + kWideSamples + 2, &sum[0], &sum[1], &sum[2]);
+  return {SumLanes(sum[0]), SumLanes(sum[1]), SumLanes(sum[2])};
+}
+
+/// exp(x) to two units in the last place for -87 <= x <= 0; below, about 1e-38.
+template <class Floats, class Ints>
+ACMP_PART void Exp(const Floats& exponent, Floats* result) {
+  constexpr float kLog2E = 1.44269504f;
+  constexpr float kLn2High = 0.693359375f, kLn2Low = -2.12194440e-4f;  // the product with `whole` is exact
+  const Floats lowest = Floats{} - 87.0f;
+  const Floats x = exponent > lowest ? exponent : lowest;
+  const Ints whole = __builtin_convertvector(x * kLog2E - 0.5f, Ints);  // truncation rounds to the nearest: x <= 0
+  const Floats n = __builtin_convertvector(whole, Floats);
+  const Floats r = x - n * kLn2High - n * kLn2Low;
+  Floats sum = 1.0f / 5040 + Floats{};  // Taylor: |r| <= 0.35, so the next term is below 6e-9
+  sum = sum * r + 1.0f / 720;
+  sum = sum * r + 1.0f / 120;
+  sum = sum * r + 1.0f / 24;
+  sum = sum * r + 1.0f / 6;
+  sum = sum * r + 0.5f;
+  sum = sum * r + 1.0f;
+  sum = sum * r + 1.0f;
+  *result = sum * (Floats)((whole + 127) << 23);  // 2^whole, by its bits
+}
+
+/// Weights of the values from `i` on, and their share of the patch's sums.
+template <class Floats, class Ints>
+ACMP_PART void WeighSamples(const PatchValues& values, float inv_spatial, float inv_color, int i, float* weights,
+                            Floats* sum_w, Floats* sum_wr, Floats* sum_wrr) {
+  Floats value, inside, distance, weight;
+  memcpy(&value, values.value + i, sizeof(value));
+  memcpy(&inside, values.inside + i, sizeof(inside));
+  memcpy(&distance, kSampleDistances.px + i, sizeof(distance));
+  const Floats difference = value < 0.0f ? -value : value;
+  Exp<Floats, Ints>(-distance * inv_spatial - difference * inv_color, &weight);
+  weight *= inside;
+  memcpy(weights + i, &weight, sizeof(weight));
+  *sum_w += weight;
+  *sum_wr += weight * value;
+  *sum_wrr += weight * value * value;
+}
+
+template <class Floats, class Ints>
+ACMP_PART void LoadPatchIn(const ImageView<const float>& reference, int col, int row, float inv_spatial,
+                           float inv_color, ReferencePatch* patch) {
+  constexpr int kRegisterLanes = sizeof(Floats) / sizeof(float), kRegisters = 8 / kRegisterLanes;
+  PatchValues values;
+  LoadValues(reference, col, row, &values);
+  alignas(32) float weights[kPatchSamples];
+  Floats eight[3][kRegisters] = {};
+  for (int i = 0; i < kWideSamples; i += kRegisterLanes) {
+    const int k = i / kRegisterLanes % kRegisters;
+    WeighSamples<Floats, Ints>(values, inv_spatial, inv_color, i, weights, &eight[0][k], &eight[1][k], &eight[2][k]);
+  }
+  Floats4 sum[3];
+  for (int k = 0; k < 3; ++k) AddHalves(eight[k], &sum[k]);
+  WeighSamples<Floats4, Ints4>(values, inv_spatial, inv_color, kWideSamples, weights, &sum[0], &sum[1], &sum[2]);
+  for (int i = 0; i < kPatchSamples; ++i) patch->samples[i] = {values.value[i], weights[i]};
+  patch->center = reference(col, row);
+  SetMoments(SumLanes(sum[0]), SumLanes(sum[1]), SumLanes(sum[2]), patch);
+}
 
 #ifdef __x86_64__
-namespace avx2 {
-#define ACMP_LANES 8
-#define ACMP_LANES_TARGET __attribute__((target("avx2")))
-#include "window_lanes.inc"
-#undef ACMP_LANES
-#undef ACMP_LANES_TARGET
-}  // namespace avx2
+#define ACMP_AVX2 __attribute__((target("avx2")))
+
+ACMP_AVX2 WindowSums SumWindowByAvx2(const ImageView<const float>& image, const PlaneWarp& warp,
+                                     const ReferencePatch& patch) {
+  return SumWindowIn<Floats8, Ints8, Pairs8>(image, warp, patch);
+}
+
+ACMP_AVX2 void LoadPatchByAvx2(const ImageView<const float>& reference, int col, int row, float inv_spatial,
+                               float inv_color, ReferencePatch* patch) {
+  LoadPatchIn<Floats8, Ints8>(reference, col, row, inv_spatial, inv_color, patch);
+}
 #endif
 
 }  // namespace
 
 std::vector<WindowFunctions> SupportedWindowFunctions() {
-  std::vector<WindowFunctions> supported = {{"baseline", four::SumWindow, four::LoadPatch}};
+  std::vector<WindowFunctions> supported = {
+      {"baseline", SumWindowIn<Floats4, Ints4, Pairs4>, LoadPatchIn<Floats4, Ints4>}};
 #ifdef __x86_64__
-  if (__builtin_cpu_supports("avx2")) supported.push_back({"avx2", avx2::SumWindow, avx2::LoadPatch});
+  if (__builtin_cpu_supports("avx2")) supported.push_back({"avx2", SumWindowByAvx2, LoadPatchByAvx2});
 #endif
   return supported;
 }

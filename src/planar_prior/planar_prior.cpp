@@ -46,24 +46,7 @@ void CheckDepths(const std::vector<SupportPoint>& points) {
   }
 }
 
-/// Keeps every edge function below 2^63: differences < 2^29, products with pixels < 2^60, three of them summed.
-constexpr int kMaxCoordinate = 1 << 28;
 constexpr int kBandRows = 32;  ///< that one task fills
-
-/// Throws InvalidInputError for vertices that are no support points, or lie more than 2^28 px away.
-void CheckTriangles(const std::vector<SupportPoint>& points, const std::vector<SupportTriangle>& triangles) {
-  const int count = static_cast<int>(points.size());
-  for (size_t i = 0; i < triangles.size(); ++i) {
-    for (int vertex : triangles[i].vertex) {
-      if (vertex < 0 || vertex >= count) {
-        throw InvalidInputError(
-            Concat("triangle ", i, " has vertex ", vertex, ": must be in [0, ", count - 1, "], the support points"));
-      }
-      CheckRange("column of a support point", points[vertex].col, -kMaxCoordinate, kMaxCoordinate);
-      CheckRange("row of a support point", points[vertex].row, -kMaxCoordinate, kMaxCoordinate);
-    }
-  }
-}
 
 }  // namespace
 
@@ -97,15 +80,9 @@ std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageV
 PriorMesh MakePriorMesh(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
                         const PlanarPriorOptions& options) {
   Validate(options);
-  return MakePriorMesh(camera, points, TriangulateSupportPoints(points, options.cell_size_px), options);
-}
-
-PriorMesh MakePriorMesh(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
-                        const std::vector<SupportTriangle>& triangles, const PlanarPriorOptions& options) {
-  Validate(options);
   CheckCamera("camera of the planar prior", camera);
   CheckDepths(points);
-  CheckTriangles(points, triangles);
+  const std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points, options.cell_size_px);
   const double min_cos = std::cos(options.max_grazing_angle_deg * kRadPerDeg<double>);
   PriorMesh mesh;
   mesh.triangles.resize(triangles.size());

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cstdint>
 #include <tuple>
-#include <utility>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
@@ -21,16 +20,6 @@ constexpr int64_t kMaxDifference = (1 << 15) - 1;
 
 using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<int, Kernel>;  // info: index of the support point
 using Delaunay = CGAL::Delaunay_triangulation_2<Kernel, CGAL::Triangulation_data_structure_2<VertexBase>>;
-
-[[noreturn]] void ThrowDuplicate(const std::vector<SupportPoint>& points) {
-  std::vector<std::pair<int, int>> pixels;
-  pixels.reserve(points.size());
-  for (const SupportPoint& point : points) pixels.emplace_back(point.row, point.col);
-  std::sort(pixels.begin(), pixels.end());
-  const auto duplicate = std::adjacent_find(pixels.begin(), pixels.end());
-  throw InvalidInputError(Concat("support point at pixel (", duplicate->second, ", ", duplicate->first,
-                                 ") is given more than once: pixels must be distinct"));
-}
 
 void CheckExtent(const char* name, const std::vector<SupportPoint>& points, int SupportPoint::*coordinate) {
   const auto [low, high] =
@@ -76,12 +65,16 @@ std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportP
   CheckExtent("range of the support points' rows", points, &SupportPoint::row);
   Delaunay delaunay;
   Delaunay::Face_handle near;
+  size_t inserted = 0;
   for (const size_t i : CoarseToFine(points, spacing)) {
     const Delaunay::Vertex_handle vertex = delaunay.insert(Kernel::Point_2(points[i].col, points[i].row), near);
+    if (delaunay.number_of_vertices() != ++inserted) {
+      throw InvalidInputError(Concat("support point at pixel (", points[i].col, ", ", points[i].row,
+                                     ") is given more than once: pixels must be distinct"));
+    }
     vertex->info() = static_cast<int>(i);
     near = vertex->face();
   }
-  if (delaunay.number_of_vertices() != points.size()) ThrowDuplicate(points);
 
   std::vector<SupportTriangle> triangles;
   triangles.reserve(delaunay.number_of_faces());

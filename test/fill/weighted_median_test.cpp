@@ -69,23 +69,5 @@ TEST_F(FilterPixelTest, WhatSourcesSeeThroughHasLessSay) {
   EXPECT_NEAR(Filtered(24, 30), 2, 1e-5f) << "the same of all changes nothing";
 }
 
-TEST_F(FilterPixelTest, PlanesThatFaceAwayOrLeaveTheRangeAreNotExtended) {
-  // Slanted by so much that twelve pixels on it would be beyond 20.
-  for (int row = 0; row < kSize; ++row) {
-    for (int col = 0; col < kEdge; ++col) {
-      const Vec3f ray = context_.rays.Ray(static_cast<float>(col), static_cast<float>(row));
-      planes_(col, row) = PlaneThrough(Normalized(Vec3f{1, 0, -0.3f}), ray, 4);
-    }
-  }
-  context_.depth_max = 4;
-  for (int col = kEdge - 6; col < kEdge; ++col) {
-    const float d = Filtered(col, 30);
-    EXPECT_GT(d, 0) << "a plane behind the camera is none";
-    const float depth = PlaneDepth(filtered_(col, 30), context_.rays.Ray(static_cast<float>(col), 30));
-    EXPECT_LE(depth, 4.0001f);
-    EXPECT_GE(depth, 1.9999f);
-  }
-}
-
 }  // namespace
 }  // namespace acmp

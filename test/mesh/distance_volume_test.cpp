@@ -101,6 +101,8 @@ TEST_F(DistanceVolumeTest, MoreMemoryThanAllowedIsRefusedAndChangesNothing) {
   EXPECT_REFUSED(volume.Integrate(other_side.View()), "voxels of 0.02", "take 2 MB, more than the 1 MB",
                  "voxel size must be larger");
   EXPECT_EQ(volume.voxels(), before);
+  DistanceVolume tiny({1e-10, kEnough, 0});
+  EXPECT_REFUSED(tiny.Integrate(view.View()), "more than 2^30 voxels of 1e-10");
 }
 
 TEST(VoxelSize, IsSoManyPixelsAtTheMedianDepth) {

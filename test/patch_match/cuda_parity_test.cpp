@@ -16,10 +16,10 @@
 #include "support/random_views.h"
 
 // CPU and GPU run the same source, but not the same arithmetic: the GPU contracts to fused multiply-adds, has its own
-// exp, sin and cos and interpolates in textures with 8-bit fractions. Per cost that is small (kernel_parity_test.cpp),
-// but PatchMatch decides by comparison: one decision the other way changes what neighbours see. So parity is a rate,
-// tight where texture makes the optimum unique, and both devices' accuracy is compared with the truth. What passes
-// must hold on each device alone is in passes_test.cpp and plane_recovery_test.cpp.
+// exp, sin and cos and interpolates in textures with 8-bit fractions. Per cost that is small, but PatchMatch decides by
+// comparison: one decision the other way changes what neighbours see. So parity is a rate, tight where texture makes
+// the optimum unique, and both devices' accuracy is compared with the truth. What passes must hold on each device alone
+// is in passes_test.cpp.
 
 namespace acmp {
 namespace {

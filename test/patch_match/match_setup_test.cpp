@@ -2,70 +2,38 @@
 
 #include <functional>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "support/error_text.h"
+#include "support/kernel_state.h"
 #include "support/random_views.h"
-#include "support/reference_match.h"
 
 namespace acmp {
 namespace {
 
-using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
-TEST(HalveDepthTest, AgreesWithTheReferenceWithinHalfAStep) {
-  TestRandom random(4);
-  for (const auto& [width, height] : {std::pair(64, 48), std::pair(33, 27), std::pair(1, 1)}) {
-    DepthMap depth(width, height);
-    // A fifth unknown; the others in two layers, so that some of the four agree and some do not.
-    for (float& z : depth) {
-      z = random(0, 1) < 0.2 ? 0.0f : static_cast<float>((random(0, 1) < 0.5 ? 2 : 7) * random(1, 1.02));
-    }
-    depth(0, 0) = 2;
-    const HalvedDepthMap halved = HalveDepth(depth);
-    ASSERT_EQ(halved.inverse.width(), (width + 1) / 2);
-    ASSERT_EQ(halved.inverse.height(), (height + 1) / 2);
-    int known = 0;
-    for (int row = 0; row < height; ++row) {
-      for (int col = 0; col < width; ++col) {
-        const double expected = reference::HalvedDepthAt(depth, col, row);
-        const int steps = halved.inverse(col / 2, row / 2);
-        ASSERT_EQ(steps == 0, expected == 0);
-        if (steps == 0) continue;
-        ++known;
-        // Half a step, and two roundings of float in the mean.
-        ASSERT_NEAR(steps * static_cast<double>(halved.step), 1 / expected, 0.51 * halved.step);
-      }
-    }
-    EXPECT_GT(known, 0);
+/// Beyond what papers_test.cpp compares.
+TEST(GeometricErrorTest, BackwardPointBehindTheReferenceIsTruncated) {
+  // The source stands 5 m ahead on the optical axis, looking back at the reference; its depth claims a surface 8 m
+  // away, which lies 3 m behind the reference camera. On the axis a point behind has the pixel of one in front.
+  std::vector<PlanarView> views = RandomViews(2, 33, 27, 4);
+  views[0].camera.cx = 16;
+  views[0].camera.cy = 13;
+  views[1].cam_from_world = LookAhead({0, 0, 5}, 180, 0, 0);
+  for (const auto& [depth, is_before] : {std::pair(8.0f, false), {2.0f, true}}) {
+    for (float& z : views[1].depth) z = depth;
+    KernelState state(MakeProblem(views, 0, {1, 10}, true));
+    const float error = GeometricError(state.Context(), 3, 16, 13, 0), worst = state.options().geometric_max_px;
+    EXPECT_TRUE(is_before ? error < 0.01f : error == worst) << error;
   }
-}
-
-TEST(HalveDepthTest, WhatIsNoDepthIsUnknown) {
-  for (const float depth : {0.0f, -3.0f, 1e-38f, std::numeric_limits<float>::infinity()}) {
-    const HalvedDepthMap halved = HalveDepth(DepthMap(3, 3, depth));
-    for (const uint16_t steps : halved.inverse) EXPECT_EQ(steps, 0) << depth;
-  }
-}
-
-TEST(CheckStartTest, RefusesOtherSizesAndPixelsWithoutAPlaneInFrontOfTheCamera) {
-  const std::vector<PlanarView> views = RandomViews(2, 33, 27, 6);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10});
-  const auto error = [&](int width, int cost_height, float d) {
-    EstimateState start = {PlaneMap(width, 27, {0, 0, -1, 4}), CostMap(width, cost_height, 0.5f)};
-    start.planes(32, 26).d = d;
-    return ErrorOf([&] { CheckStart(problem, start); });
-  };
-  EXPECT_EQ(error(33, 27, 4), "no error");
-  EXPECT_THAT(error(34, 27, 4), AllOf(HasSubstr("start"), HasSubstr("34 x 27"), HasSubstr("33 x 27")));
-  EXPECT_THAT(error(33, 26, 4), HasSubstr("33 x 26"));
-  for (const float d : {0.0f, -1.5f, kNan}) EXPECT_THAT(error(33, 27, d), HasSubstr(Concat("d = ", d)));
 }
 
 TEST(PatchMatchProblemTest, NamesWhatIsWrongWithWhichView) {

@@ -17,9 +17,9 @@ const float kNan = std::numeric_limits<float>::quiet_NaN();
 const DepthRange kRange = {1.0f, 10.0f};
 const PinholeCamera kCamera = {120, 90, 100, 105, 58.3, 44.1};
 
-Image<uint32_t> MakePlanarPrior(const std::vector<SupportPoint>& points, const std::vector<SupportTriangle>& triangles,
-                                const DepthRange& range, const PlanarPriorOptions& options) {
-  return RasterizePrior(kCamera, MakePriorMesh(kCamera, points, triangles, options), range);
+Image<uint32_t> MakePlanarPrior(const std::vector<SupportPoint>& points, const DepthRange& range,
+                                const PlanarPriorOptions& options) {
+  return RasterizePrior(kCamera, MakePriorMesh(kCamera, points, options), range);
 }
 
 std::vector<SupportPoint> Find(const DepthMap& depth, const CostMap& cost, const PlanarPriorOptions& options = {},
@@ -92,7 +92,7 @@ TEST(PlanarPrior, PassesThroughTheVerticesOfEachTriangle) {
   PlanarPriorOptions options;
   options.max_grazing_angle_deg = 89.9f;
   const auto triangles = TriangulateSupportPoints(points);
-  const PriorMesh mesh = MakePriorMesh(kCamera, points, triangles, options);
+  const PriorMesh mesh = MakePriorMesh(kCamera, points, options);
   const Image<uint32_t> numbers = RasterizePrior(kCamera, mesh, kRange);
   int checked = 0;
   for (int row = 0; row < kCamera.height; ++row) {
@@ -132,9 +132,9 @@ TEST(PlanarPrior, RejectsGrazingTriangles) {
     const double cosine = -plane.head<3>().dot(centroid.normalized());
     PlanarPriorOptions options;
     options.max_grazing_angle_deg = static_cast<float>(std::acos(cosine) * 180 / M_PI + 0.01);
-    const int just_inside = CountPixels(MakePlanarPrior(points, {{{0, 1, 2}}}, kRange, options));
+    const int just_inside = CountPixels(MakePlanarPrior(points, kRange, options));
     options.max_grazing_angle_deg -= 0.02f;
-    const int just_outside = CountPixels(MakePlanarPrior(points, {{{0, 1, 2}}}, kRange, options));
+    const int just_outside = CountPixels(MakePlanarPrior(points, kRange, options));
     return std::make_pair(just_inside, just_outside);
   };
   for (const double angle_deg : {10.0, 45.0, 80.0}) {
@@ -148,7 +148,7 @@ TEST(PlanarPrior, RejectsPixelsWhereThePlaneLeavesTheRange) {
   std::vector<SupportPoint> points = {{0, 0, 0}, {119, 0, 0}, {0, 89, 0}, {119, 89, 0}};
   for (SupportPoint& point : points) point.depth = static_cast<float>(TrueDepth(plane, point.col, point.row));
   const DepthRange range = {3.0f, 4.0f};
-  const Image<uint32_t> numbers = MakePlanarPrior(points, TriangulateSupportPoints(points), range, {});
+  const Image<uint32_t> numbers = MakePlanarPrior(points, range, {});
   int inside = 0;
   for (int row = 0; row + 1 < kCamera.height; ++row) {
     for (int col = 0; col + 1 < kCamera.width; ++col) {

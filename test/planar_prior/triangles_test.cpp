@@ -79,8 +79,12 @@ bool Covers(const std::vector<SupportPoint>& points, const SupportTriangle& tria
 /// Number of each pixel's triangle. All have a plane in range.
 Image<uint32_t> Rasterize(int width, int height, const std::vector<SupportPoint>& points,
                           const std::vector<SupportTriangle>& triangles) {
-  PriorMesh mesh = MakePriorMesh({width, height, 50, 50, 25, 25}, points, triangles, {});
-  std::fill(mesh.planes.begin(), mesh.planes.end(), PlaneHypothesis{0, 0, -1, 2});
+  PriorMesh mesh = {{}, std::vector<PlaneHypothesis>(triangles.size(), {0, 0, -1, 2})};
+  for (const SupportTriangle& triangle : triangles) {
+    const SupportPoint &a = points[triangle.vertex[0]], &b = points[triangle.vertex[1]],
+                       &c = points[triangle.vertex[2]];
+    mesh.triangles.push_back({{a.col, b.col, c.col}, {a.row, b.row, c.row}});
+  }
   return RasterizePrior({width, height, 50, 50, 25, 25}, mesh, {1, 3});
 }
 

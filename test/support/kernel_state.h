@@ -7,10 +7,6 @@
 
 namespace acmp {
 
-inline bool Same(const PlaneHypothesis& a, const PlaneHypothesis& b) {
-  return a.nx == b.nx && a.ny == b.ny && a.nz == b.nz && a.d == b.d;
-}
-
 /// Owns all that a kernel context points to, to call single kernel functions on a problem. The problem's pixels belong
 /// to the caller.
 class KernelState {

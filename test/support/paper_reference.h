@@ -6,6 +6,7 @@
 
 #include <Eigen/Geometry>
 
+#include "acmp_mapping/patch_match/kernel/match_context.h"
 #include "support/reference_match.h"
 
 namespace acmp::paper {
@@ -13,9 +14,6 @@ namespace acmp::paper {
 /// Algorithm 1 of the ACMP paper, one pixel at a time in plain double arithmetic, with the view weights of ACMH in its
 /// photometric pass, and ACMM's step between two scales; and what the presets of our own do otherwise. It shares no
 /// code with the kernels; the random numbers' definition is written down again.
-
-enum class Stage { kPhotometric, kPlanarPrior, kGeometric };
-enum class System { kAcmh, kAcmp, kOurs };
 
 /// What a pixel reads, as the pass has left it so far.
 struct Maps {
@@ -38,13 +36,11 @@ struct Outcome {
 class Reference {
  public:
   /// @param pass number of the pass for its random numbers: 0 photometric, 1 planar prior, 2 and more geometric
-  Reference(const PatchMatchProblem& problem, const PatchMatchOptions& options, System system, Stage stage,
-            uint32_t pass)
+  Reference(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass stage, uint32_t pass)
       : problem_(problem),
         options_(options),
-        system_(system),
         stage_(stage),
-        weighs_as_acmh_(system != System::kOurs && (stage == Stage::kPhotometric || system == System::kAcmh)),
+        weighs_as_acmh_(!IsOurs() && (stage == Pass::kPhotometric || options.method == Method::kAcmh)),
         pass_(pass),
         width_(problem.reference.camera.width),
         height_(problem.reference.camera.height) {}
@@ -69,7 +65,7 @@ class Reference {
 
     // Hypothesis sampling and propagation. Later passes of ours: from near and far regions in turns, by blocks of 2 x 2
     // px.
-    const bool in_turns = IsOurs() && stage_ != Stage::kPhotometric;
+    const bool in_turns = IsOurs() && stage_ != Pass::kPhotometric;
     const bool is_far = (static_cast<uint32_t>(col / 2 + row / 2 + iteration) + pass_) % 2 != 0;
     const Regions regions = in_turns ? Regions{is_far ? 4u : 0u, 4} : Regions{0, 8};
     const uint32_t views = in_turns ? ViewsOfNeighbours(maps, col, row) : ~0u;
@@ -116,6 +112,38 @@ class Reference {
     }
     outcome.plane = best.plane;
     outcome.cost = rating.cost;
+    return Done(outcome);
+  }
+
+  /// Ours after the last iteration: the plane is moved to the median depth over the pixel, those of the other colour
+  /// within 3 px, that is, the 16 nearest, and four 5 px along the axes; of their own depths, or of those of their
+  /// planes here, where the middle half of these is narrower.
+  Outcome Filter(const Maps& maps, int col, int row) {
+    StartPixel();
+    constexpr double kFar = 1e30;  // of a plane that leaves the depth range
+    std::vector<double> own, extended;
+    for (int dy = -5; dy <= 5; ++dy) {
+      for (int dx = -5; dx <= 5; ++dx) {
+        const bool is_self = dx == 0 && dy == 0, is_axis_end = dx * dy == 0 && dx * dx + dy * dy == 25;
+        const bool is_near_of_other_color = (dx + dy) % 2 != 0 && dx * dx + dy * dy <= 9;
+        if (!is_self && !is_near_of_other_color && !is_axis_end) continue;
+        if (!maps.planes.View().Contains(col + dx, row + dy)) continue;
+        const reference::Plane plane = reference::ToDouble(maps.planes(col + dx, row + dy));
+        own.push_back(At(plane, col + dx, row + dy).depth);
+        const double depth = At(plane, col, row).depth;
+        extended.push_back(InRange(depth) ? depth : kFar);
+      }
+    }
+    const auto at = [](std::vector<double>* depths, size_t quarters) {
+      std::sort(depths->begin(), depths->end());
+      return (*depths)[quarters * depths->size() / 4];  // of an even number the upper middle one
+    };
+    const bool keeps_slope =
+        at(&extended, 2) < kFar && Less(at(&extended, 3) - at(&extended, 1), at(&own, 3) - at(&own, 1), 1e-5);
+    const Eigen::Vector3d normal = reference::ToDouble(maps.planes(col, row)).normal;
+    Outcome outcome = {Through(normal, at(keeps_slope ? &extended : &own, 2), col, row).plane};
+    outcome.cost = maps.cost(col, row);
+    outcome.views = maps.views(col, row);
     return Done(outcome);
   }
 
@@ -443,14 +471,14 @@ class Reference {
     for (size_t j = 0; j < weights.size(); ++j) {
       if (!(weights[j] > 0)) continue;
       double cost = costs[j];
-      if (stage_ == Stage::kGeometric) {
+      if (stage_ == Pass::kGeometric) {
         cost += options_.geometric_weight * ReprojectionError(hypothesis, col, row, static_cast<int>(j));
       }
       sum += weights[j] * cost;
       total += weights[j];
     }
     const double cost = sum / total;
-    if (stage_ != Stage::kPlanarPrior) return {cost, cost};
+    if (stage_ != Pass::kPlanarPrior) return {cost, cost};
     double compatibility = 0;  // the product of eq. 6
     const PlaneHypothesis prior_plane = maps.prior(col, row);
     if (prior_plane.d > 0) {
@@ -480,13 +508,13 @@ class Reference {
 
   Hypothesis Start(const Maps& maps, int col, int row) {
     Random random(options_.seed, static_cast<uint32_t>(row * width_ + col), pass_ * 64);
-    const bool is_random = stage_ == Stage::kPhotometric || (stage_ == Stage::kPlanarPrior && !IsOurs());
+    const bool is_random = stage_ == Pass::kPhotometric || (stage_ == Pass::kPlanarPrior && !IsOurs());
     if (is_random) {
       const double depth = RandomDepth(&random);
       return Through(RandomNormal(Ray(col, row), &random), depth, col, row);
     }
     const Hypothesis present = At(reference::ToDouble(maps.planes(col, row)), col, row);
-    return stage_ == Stage::kPlanarPrior ? StartNearPrior(present, maps, col, row, &random) : present;
+    return stage_ == Pass::kPlanarPrior ? StartNearPrior(present, maps, col, row, &random) : present;
   }
 
   /// Mean of the four least costs.
@@ -496,7 +524,7 @@ class Reference {
       const int j = static_cast<int>(view);
       double cost = MatchingCost(start, col, row, j);
       if (!Less(cost, kWorst, kCostTolerance)) continue;
-      if (stage_ == Stage::kGeometric) cost += options_.geometric_weight * ReprojectionError(start, col, row, j);
+      if (stage_ == Pass::kGeometric) cost += options_.geometric_weight * ReprojectionError(start, col, row, j);
       costs.emplace_back(cost, j);
     }
     constexpr size_t kTop = 4;
@@ -520,14 +548,14 @@ class Reference {
                                                               int row, int iteration, Random* random) {
     const Eigen::Vector3d ray = Ray(col, row), n_c = current.plane.normal;
     const bool perturbs_only =
-        IsOurs() && (stage_ == Stage::kGeometric || (stage_ == Stage::kPlanarPrior && iteration > 0));
+        IsOurs() && (stage_ == Pass::kGeometric || (stage_ == Pass::kPlanarPrior && iteration > 0));
     double d_r = 0;
     Eigen::Vector3d n_r = n_c;
     if (!perturbs_only) {
       d_r = RandomDepth(random);
       n_r = RandomNormal(ray, random);
     }
-    if (IsOurs() && stage_ == Stage::kPlanarPrior && !perturbs_only && maps.prior(col, row).d > 0) {
+    if (IsOurs() && stage_ == Pass::kPlanarPrior && !perturbs_only && maps.prior(col, row).d > 0) {
       const Hypothesis prior = At(reference::ToDouble(maps.prior(col, row)), col, row);
       const double sigma_d =
           (static_cast<double>(problem_.depth_range.max) - problem_.depth_range.min) / options_.prior_depth_divisor;
@@ -572,14 +600,13 @@ class Reference {
     window_options_ = options_;
   }
 
-  bool IsOurs() const { return system_ == System::kOurs; }
+  bool IsOurs() const { return options_.method == Method::kOurs; }
   void NearTieIf(bool is_near) { is_near_tie_ = is_near_tie_ || is_near; }
 
   const PatchMatchProblem& problem_;
   const PatchMatchOptions& options_;
   PatchMatchOptions window_options_;  ///< with the sigma of the pixel's window
-  System system_;
-  Stage stage_;
+  Pass stage_;
   bool weighs_as_acmh_;
   uint32_t pass_;
   int width_, height_;

@@ -43,6 +43,54 @@ bool InsideImage(const PinholeCamera& camera, const Eigen::Vector2d& pixel) {
   return pixel.x() >= -0.5 && pixel.y() >= -0.5 && pixel.x() < camera.width - 0.5 && pixel.y() < camera.height - 0.5;
 }
 
+/// exp(-r / (2 s_r^2) - |dI| / (2 s_c^2)).
+double BilateralWeight(double distance_px, double gray_difference, const PatchMatchOptions& options) {
+  const double spatial = options.sigma_spatial_px, color = options.sigma_color;
+  return std::exp(-distance_px / (2 * spatial * spatial) - std::abs(gray_difference) / (2 * color * color));
+}
+
+/// Depth of the 2 x 2 px that hold a pixel: the harmonic mean of the known ones if they agree within 2 %, else of the
+/// two whose inverses are closest; of only two the nearer. 0: none is known.
+double HalvedDepthAt(const ImageView<const float>& depth, int col, int row) {
+  std::vector<double> inverse;
+  for (int r = row / 2 * 2; r < std::min(row / 2 * 2 + 2, depth.height); ++r) {
+    for (int c = col / 2 * 2; c < std::min(col / 2 * 2 + 2, depth.width); ++c) {
+      if (depth(c, r) > 1e-30f) inverse.push_back(1.0 / depth(c, r));
+    }
+  }
+  if (inverse.empty()) return 0;
+  std::sort(inverse.begin(), inverse.end());
+  if (inverse.size() == 1 || inverse.back() <= 1.02 * inverse.front()) {
+    return static_cast<double>(inverse.size()) / std::accumulate(inverse.begin(), inverse.end(), 0.0);
+  }
+  if (inverse.size() == 2) return 1 / inverse.back();
+  double gap = std::numeric_limits<double>::infinity(), sum = 0;
+  for (size_t i = 0; i + 1 < inverse.size(); ++i) {
+    if (!(inverse[i + 1] - inverse[i] < gap)) continue;
+    gap = inverse[i + 1] - inverse[i];
+    sum = inverse[i + 1] + inverse[i];
+  }
+  return 2 / sum;
+}
+
+/// Inverse depth of the halved map at a position of the full image: bilinear if the four around it agree within 5 %,
+/// else the nearest. 0: unknown.
+double InverseDepthAt(const ImageView<const float>& depth, const Eigen::Vector2d& position) {
+  const auto block = [&](double col, double row) {  // pixels of the halved map; outside are those at the border
+    const double z = HalvedDepthAt(depth, static_cast<int>(std::min(std::max(2 * col, 0.0), depth.width - 1.0)),
+                                   static_cast<int>(std::min(std::max(2 * row, 0.0), depth.height - 1.0)));
+    return z > 0 ? 1 / z : 0;
+  };
+  const Eigen::Vector2d halved = 0.5 * (position.array() - 0.5);
+  const double left = std::floor(halved.x()), top = std::floor(halved.y());
+  const double right_share = halved.x() - left, bottom_share = halved.y() - top;
+  const double corners[] = {block(left, top), block(left + 1, top), block(left, top + 1), block(left + 1, top + 1)};
+  const auto [least, greatest] = std::minmax_element(std::begin(corners), std::end(corners));
+  if (*greatest > 1.05 * *least) return block(std::floor(halved.x() + 0.5), std::floor(halved.y() + 0.5));
+  return (1 - bottom_share) * ((1 - right_share) * corners[0] + right_share * corners[1]) +
+         bottom_share * ((1 - right_share) * corners[2] + right_share * corners[3]);
+}
+
 }  // namespace
 
 Plane ToDouble(const PlaneHypothesis& plane) { return {{plane.nx, plane.ny, plane.nz}, plane.d}; }
@@ -71,11 +119,6 @@ Eigen::Vector2d Transfer(const MatchView& source, const MatchView& target, const
   *z = point.z();
   return {target.camera.fx * point.x() / point.z() + target.camera.cx,
           target.camera.fy * point.y() / point.z() + target.camera.cy};
-}
-
-double BilateralWeight(double distance_px, double gray_difference, const PatchMatchOptions& options) {
-  const double spatial = options.sigma_spatial_px, color = options.sigma_color;
-  return std::exp(-distance_px / (2 * spatial * spatial) - std::abs(gray_difference) / (2 * color * color));
 }
 
 bool IsSurfaceBroken(const PinholeCamera& camera, const PlaneMap& planes, const PatchMatchOptions& options, int col,
@@ -134,44 +177,6 @@ Cost PhotometricCost(const PatchMatchProblem& problem, const PatchMatchOptions& 
         std::clamp(1 - moments.covariance / std::sqrt(cost.reference_variance * cost.source_variance), 0.0, 2.0);
   }
   return cost;
-}
-
-double HalvedDepthAt(const ImageView<const float>& depth, int col, int row) {
-  std::vector<double> inverse;
-  for (int r = row / 2 * 2; r < std::min(row / 2 * 2 + 2, depth.height); ++r) {
-    for (int c = col / 2 * 2; c < std::min(col / 2 * 2 + 2, depth.width); ++c) {
-      if (depth(c, r) > 0) inverse.push_back(1.0 / depth(c, r));
-    }
-  }
-  if (inverse.empty()) return 0;
-  std::sort(inverse.begin(), inverse.end());
-  if (inverse.size() == 1 || inverse.back() <= 1.02 * inverse.front()) {
-    return static_cast<double>(inverse.size()) / std::accumulate(inverse.begin(), inverse.end(), 0.0);
-  }
-  if (inverse.size() == 2) return 1 / inverse.back();
-  double gap = std::numeric_limits<double>::infinity(), sum = 0;
-  for (size_t i = 0; i + 1 < inverse.size(); ++i) {
-    if (!(inverse[i + 1] - inverse[i] < gap)) continue;
-    gap = inverse[i + 1] - inverse[i];
-    sum = inverse[i + 1] + inverse[i];
-  }
-  return 2 / sum;
-}
-
-double InverseDepthAt(const ImageView<const float>& depth, const Eigen::Vector2d& position) {
-  const auto block = [&](double col, double row) {  // pixels of the halved map; outside are those at the border
-    const double z = HalvedDepthAt(depth, static_cast<int>(std::min(std::max(2 * col, 0.0), depth.width - 1.0)),
-                                   static_cast<int>(std::min(std::max(2 * row, 0.0), depth.height - 1.0)));
-    return z > 0 ? 1 / z : 0;
-  };
-  const Eigen::Vector2d halved = 0.5 * (position.array() - 0.5);
-  const double left = std::floor(halved.x()), top = std::floor(halved.y());
-  const double right_share = halved.x() - left, bottom_share = halved.y() - top;
-  const double corners[] = {block(left, top), block(left + 1, top), block(left, top + 1), block(left + 1, top + 1)};
-  const auto [least, greatest] = std::minmax_element(std::begin(corners), std::end(corners));
-  if (*greatest > 1.05 * *least) return block(std::floor(halved.x() + 0.5), std::floor(halved.y() + 0.5));
-  return (1 - bottom_share) * ((1 - right_share) * corners[0] + right_share * corners[1]) +
-         bottom_share * ((1 - right_share) * corners[2] + right_share * corners[3]);
 }
 
 double ReprojectionError(const PatchMatchProblem& problem, double depth, int col, int row, int view) {

@@ -30,9 +30,6 @@ double SampleBilinear(const ImageView<const float>& image, double x, double y);
 Eigen::Vector2d Transfer(const MatchView& source, const MatchView& target, const Plane& plane,
                          const Eigen::Vector2d& pixel, double* z);
 
-/// exp(-r / (2 s_r^2) - |dI| / (2 s_c^2)).
-double BilateralWeight(double distance_px, double gray_difference, const PatchMatchOptions& options);
-
 /// Why a cost is what it is: windows without texture and points without correspondence have fixed costs.
 enum class CostKind { kMatched, kNoCorrespondence, kFlatReference, kFlatSource };
 
@@ -54,14 +51,6 @@ Cost PhotometricCost(const PatchMatchProblem& problem, const PatchMatchOptions& 
 /// own plane, 5 px away by more than half of edge_bend, relative. Pairs that are not wholly in the image do not count.
 bool IsSurfaceBroken(const PinholeCamera& camera, const PlaneMap& planes, const PatchMatchOptions& options, int col,
                      int row);
-
-/// Depth of the 2 x 2 px that hold a pixel: the harmonic mean of the known ones if they agree within 2 %, else of the
-/// two whose inverses are closest; of only two the nearer. 0: none is known.
-double HalvedDepthAt(const ImageView<const float>& depth, int col, int row);
-
-/// Inverse depth of the halved map at a position of the full image: bilinear if the four around it agree within 5 %,
-/// else the nearest. 0: unknown.
-double InverseDepthAt(const ImageView<const float>& depth, const Eigen::Vector2d& position);
 
 /// delta e_j of eq. 13 before truncation, with halved depths; infinite where it does not exist.
 double ReprojectionError(const PatchMatchProblem& problem, double depth, int col, int row, int view);

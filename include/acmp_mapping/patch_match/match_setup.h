@@ -20,10 +20,8 @@ struct HalvedDepthMap {
   HalvedDepth View() const { return {inverse.View(), step}; }
 };
 
-/// @param depth z; what is not positive, infinite or below 1e-30 is unknown; an empty map gives an empty one
-HalvedDepthMap HalveDepth(const ImageView<const float>& depth);
-
-/// The sources' depth maps, halved.
+/// The sources' depth maps, halved; what is not positive, infinite or below 1e-30 is unknown, and an empty map gives an
+/// empty one.
 std::vector<HalvedDepthMap> HalveDepths(const PatchMatchProblem& problem);
 
 /// Number of a pass for its random numbers: 0 photometric, 1 planar prior, 2 + pass geometric.
@@ -65,9 +63,5 @@ MatchContext<Sampler> MakeMatchContext(const PatchMatchProblem& problem, const P
   context.pass_number = PassNumber(kind, geometric_pass);
   return context;
 }
-
-/// Throws InvalidInputError unless `start` has the reference's size and in every pixel a plane in front of the camera,
-/// or none where the reference has a mask (as every pass leaves it).
-void CheckStart(const PatchMatchProblem& problem, const EstimateState& start);
 
 }  // namespace acmp

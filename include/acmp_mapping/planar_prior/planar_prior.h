@@ -45,11 +45,6 @@ struct PriorMesh {
 PriorMesh MakePriorMesh(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
                         const PlanarPriorOptions& options);
 
-/// The same with a triangulation that is given. Throws InvalidInputError for vertices that are no points, or lie more
-/// than 2^28 px away.
-PriorMesh MakePriorMesh(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
-                        const std::vector<SupportTriangle>& triangles, const PlanarPriorOptions& options);
-
 /// Number of each pixel's triangle, from 1 on. Zero outside the triangulation, where the triangle has no plane, and
 /// where the plane leaves the depth range at that pixel. Exact integer rasterisation with a top-left rule: each pixel
 /// belongs to at most one triangle, and to exactly one if its centre lies in the half-open union of them (left and top

@@ -1,20 +1,52 @@
 #pragma once
 
-#include "acmp_mapping/common/sorting_network.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
 
 namespace acmp {
 
 constexpr int kMedianPixels = 21;
 
+/// Pairs of places that, exchanged in this order where they are out of order, sort the values: Batcher's merge exchange
+/// (Knuth, The Art of Computer Programming 3, 5.2.2, algorithm M). Known to the compiler, so that a GPU thread keeps
+/// the values in registers.
+struct SortingNetwork {
+  int low[kMedianPixels * kMedianPixels / 2] = {}, high[kMedianPixels * kMedianPixels / 2] = {};
+  int count = 0;
+
+  ACMP_HOST_DEVICE constexpr SortingNetwork() {
+    int top = 1;  // largest power of two below the number of values
+    while (2 * top < kMedianPixels) top *= 2;
+    for (int p = top; p > 0; p /= 2) {
+      int q = top, rest = 0, distance = p;
+      for (;;) {
+        for (int i = 0; i + distance < kMedianPixels; ++i) {
+          if ((i & p) != rest) continue;
+          low[count] = i;
+          high[count++] = i + distance;
+        }
+        if (q == p) break;
+        distance = q - p;
+        q /= 2;
+        rest = p;
+      }
+    }
+  }
+};
+
 struct DepthStatistics {
   float median;
   float spread;  ///< width of the middle half
 };
 
-/// Of the smallest `count` values, which are sorted on the way.
+/// Of the smallest `count` values, which are sorted on the way (no NaN).
 ACMP_HOST_DEVICE inline DepthStatistics Statistics(float (&values)[kMedianPixels], int count) {
-  SortValues(values);
+  constexpr SortingNetwork network;
+  ACMP_UNROLL
+  for (int i = 0; i < network.count; ++i) {
+    const float a = values[network.low[i]], b = values[network.high[i]];
+    values[network.low[i]] = Smaller(a, b);
+    values[network.high[i]] = Larger(a, b);
+  }
   float median = 0, low = 0, high = 0;
   ACMP_UNROLL
   for (int i = 0; i < kMedianPixels; ++i) {

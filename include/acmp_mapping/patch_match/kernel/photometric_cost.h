@@ -206,16 +206,6 @@ ACMP_HOST_DEVICE inline bool PrepareWindow(const MatchContext<Sampler>& context,
   return Sampler::Cost::IsInformed(patch, context.options);
 }
 
-/// m_ij, in 0..2, by one thread alone.
-template <class Sampler>
-ACMP_HOST_DEVICE inline float PhotometricCost(const MatchContext<Sampler>& context, const ReferencePatch& patch,
-                                              const Vec3f& dual, int col, int row, int view) {
-  PlaneWarp warp;
-  float cost;
-  if (!PrepareWindow(context, patch, dual, col, row, view, &warp, &cost)) return cost;
-  return Sampler::Cost::Of(SumWindow(context.sampler, view, warp, patch), patch, context.options);
-}
-
 /// Whether the surface of the present estimates bends or breaks (a crease or a depth discontinuity) within the pixel's
 /// window: inverse depth is affine on a plane, so that a pixel of one has the mean of any two opposite ones. Compared
 /// with four pairs on the window's rim, those that lie in the image and have planes (without one the difference is NaN,

@@ -2,6 +2,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/engine/depth_engine.h"
+#include "acmp_mapping/image/for_each_pixel.h"
 #include "acmp_mapping/patch_match/match_setup.h"
 
 namespace acmp {
@@ -119,10 +120,18 @@ void CheckUpload(const EstimateState& state, const PinholeCamera& camera) {
   CheckSize("cost map", state.cost.width(), state.cost.height(), camera);
 }
 
-void CheckUpload(const EstimateMapViews& maps, const PinholeCamera& camera) {
+PlaneMap MakePlanes(const EstimateMapViews& maps, const PinholeCamera& camera) {
   CheckSize("depth map", maps.depth.width, maps.depth.height, camera);
   CheckSize("normal map", maps.normal.width, maps.normal.height, camera);
   CheckSize("cost map", maps.cost.width, maps.cost.height, camera);
+  PlaneMap planes(camera.width, camera.height);
+  const RayGrid rays = MakeRayGrid(camera);
+  ForEachPixel(camera.width, camera.height, [&](int col, int row) {
+    const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
+    const float depth = maps.depth(col, row);
+    if (depth > 0) planes(col, row) = PlaneThrough(maps.normal(col, row), ray, depth);
+  });
+  return planes;
 }
 
 }  // namespace acmp
