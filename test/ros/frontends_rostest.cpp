@@ -402,7 +402,7 @@ class FrontendTest : public ::testing::TestWithParam<const char*> {
     // A flush before all have arrived would finish early ones with fewer views.
     ASSERT_TRUE(pose_.WaitForCount(kKeyframes, kTimeoutS)) << pose_.messages().size() << " keyframes";
     std_srvs::Trigger flush;
-    ASSERT_TRUE(ros::service::call("/acmp/dense_mapper/flush", flush) && flush.response.success);
+    ASSERT_TRUE(CallService("/acmp/dense_mapper/flush", &flush) && flush.response.success);
     ASSERT_TRUE(depth_.WaitForCount(kKeyframes, kTimeoutS)) << depth_.messages().size() << " depth maps";
   }
 

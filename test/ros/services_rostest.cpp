@@ -40,7 +40,7 @@ class ServicesTest : public SavingTest {
   static acmp_mapping::DenseMapperConfig Reconfigure(const std::function<void(dynamic_reconfigure::Config*)>& change) {
     dynamic_reconfigure::Reconfigure call;
     change(&call.request.config);
-    EXPECT_TRUE(ros::service::call("/dense_mapper/set_parameters", call));
+    EXPECT_TRUE(CallService("/dense_mapper/set_parameters", &call));
     acmp_mapping::DenseMapperConfig config;
     config.__fromMessage__(call.response.config);
     return config;
@@ -214,12 +214,12 @@ TEST_F(ServicesTest, PublishMapPublishesOnRequest) {
 TEST_F(ServicesTest, PauseDropsImagesAndSaysSo) {
   std_srvs::SetBool pause;
   pause.request.data = true;
-  ASSERT_TRUE(ros::service::call("/dense_mapper/pause", pause));
+  ASSERT_TRUE(CallService("/dense_mapper/pause", &pause));
   for (const ViewMessages& view : Scene()) mapper().player.Publish(view);
   EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: paused"}, kTimeoutS));
   EXPECT_TRUE(mapper().WaitForDiagnostic({"paused (~pause)"}, kTimeoutS));
   pause.request.data = false;
-  ASSERT_TRUE(ros::service::call("/dense_mapper/pause", pause));
+  ASSERT_TRUE(CallService("/dense_mapper/pause", &pause));
   EXPECT_EQ(mapper().Map(MakeSmallScene(kViews, 900000)), kViews);
 }
 
