@@ -23,21 +23,16 @@ namespace acmp {
 namespace {
 
 std::vector<BagTopic> ReadTopics(const rosbag::Bag& bag) {
-  std::map<std::string, BagTopic> topics;
-  std::map<std::string, ros::Time> first;
-  rosbag::View all(bag);
-  for (const rosbag::ConnectionInfo* connection : all.getConnections()) {
-    topics[connection->topic] = {connection->topic, connection->datatype, 0, 0};
+  std::map<std::string, std::string> types;
+  for (const rosbag::ConnectionInfo* connection : rosbag::View(bag).getConnections()) {
+    types[connection->topic] = connection->datatype;
   }
-  for (const rosbag::MessageInstance& message : all) {
-    BagTopic& topic = topics[message.getTopic()];
-    ++topic.messages;
-    topic.duration_s = (message.getTime() - first.try_emplace(topic.name, message.getTime()).first->second).toSec();
+  std::vector<BagTopic> topics;
+  for (const auto& [name, type] : types) {
+    rosbag::View messages(bag, rosbag::TopicQuery(name));
+    topics.push_back({name, type, messages.size(), (messages.getEndTime() - messages.getBeginTime()).toSec()});
   }
-  std::vector<BagTopic> list;
-  list.reserve(topics.size());
-  for (auto& [name, topic] : topics) list.push_back(std::move(topic));
-  return list;
+  return topics;
 }
 
 /// The wanted topic, or the preferred one of some types; empty when there is none.
