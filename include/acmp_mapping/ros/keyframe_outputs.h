@@ -20,12 +20,12 @@ struct ReceivedFrame : Frame {
 
 /// A keyframe's maps ready to be published.
 struct KeyframeOutput {
-  KeyframeOrigin origin;
-  uint64_t run = 0;  ///< as ReceivedFrame's
-  KeyframeDepthPtr maps;
-  Image<unsigned char> keep;                ///< 1 where depth is to be published
-  PointCloud points_in_camera;              ///< of maps->cam_from_world
-  std::shared_ptr<const std::string> jpeg;  ///< as ReceivedFrame's
+  KeyframeDepthPtr maps;        ///< of a ReceivedFrame
+  Image<unsigned char> keep;    ///< 1 where depth is to be published
+  PointCloud points_in_camera;  ///< of maps->cam_from_world
+
+  const ReceivedFrame& frame() const { return static_cast<const ReceivedFrame&>(*maps->frame); }
+  const KeyframeOrigin& origin() const { return frame().origin; }
 };
 
 /// Leaves out what is masked, and depth below a confidence of 0..1.
