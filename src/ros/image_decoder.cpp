@@ -1,7 +1,6 @@
 #include "acmp_mapping/ros/input_conversion.h"
 
 #include <algorithm>
-#include <cstring>
 #include <string_view>
 
 #include <sensor_msgs/image_encodings.h>
@@ -86,7 +85,7 @@ cv::Mat ImageDecoder::Decode(const EncodedImage& image, const PinholeCamera* cam
   const int depth = eight_bits.empty() ? CV_8U : CV_16U;
   cv::Mat pixels(static_cast<int>(raw.height), static_cast<int>(raw.width), CV_MAKETYPE(depth, format.channels),
                  const_cast<uint8_t*>(raw.data.data()), raw.step);  // never written to
-  if (!eight_bits.empty() && (raw.is_bigendian != 0) != IsBigEndianHost()) {
+  if (!eight_bits.empty() && (raw.is_bigendian != 0) != kBigEndianHost) {
     pixels = pixels.clone();
     for (auto* number = pixels.ptr<uint16_t>(); number != pixels.ptr<uint16_t>() + pixels.total() * format.channels;
          ++number) {
@@ -165,13 +164,6 @@ void CheckImageSides(const std::string& name, const sensor_msgs::Image& image) {
   for (const uint32_t side : {image.width, image.height}) {
     CheckRange((name + ": width or height in px").c_str(), int64_t{side}, int64_t{1}, kMaxImageSide);
   }
-}
-
-bool IsBigEndianHost() {
-  const uint16_t one = 1;
-  uint8_t first;
-  std::memcpy(&first, &one, 1);
-  return first == 0;
 }
 
 }  // namespace acmp

@@ -281,6 +281,21 @@ TEST(Companions, EachStreamIsWaitedForBesideTheOthers) {
   EXPECT_THAT(second.reasons, ElementsAre("no_prior_depth"));
 }
 
+TEST(Companions, ASourceImageMayBeAsFarAsItsTolerance) {
+  InputMatcherOptions options;
+  options.source_cameras = 2;
+  Matching m(options);
+  for (const size_t camera : {0, 1}) m.matcher.set_companion_expected(kSourceStream + camera, true);
+  m.Posed(0);
+  const Picture near = m.Companion(kSourceStream, 4 * kMs);  // ~source_tolerance is 5 ms
+  m.Companion(kSourceStream + 1, -10 * kMs);
+  EXPECT_THAT(m.Take(10).stamps, IsEmpty());
+  const Taken taken = m.Take(10.5);
+  EXPECT_EQ(taken.matches.at(0).companions.at(kSourceStream), near);
+  EXPECT_THAT(taken.reasons, ElementsAre("no_source_image"));
+  EXPECT_THAT(taken.message, AllOf(HasSubstr("without source camera 2"), HasSubstr("within 5 ms")));
+}
+
 TEST(Companions, ThoseOfTheRunBeforeAreForgotten) {
   MaskedMatching m;
   for (const int64_t stamp : {int64_t{0}, kS}) {

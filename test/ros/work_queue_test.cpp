@@ -69,38 +69,19 @@ TEST(WorkQueue, BlockWaitsForRoomAndAnyPolicyWhenAskedTo) {
   }
 }
 
-TEST(WorkQueue, CommandsKeepTheirPlaceAndAreNeverDropped) {
+TEST(WorkQueue, CommandsKeepTheirPlaceOrComeFirstAndAreNeverDropped) {
   Queue queue(OverloadPolicy::kSkipIfBusy);
+  const auto pop_command = [&queue] { return *std::get<1>(*queue.Pop()); };
   queue.PushCommand(std::make_shared<int>(10));
   queue.Push(1);
   queue.PushCommand(std::make_shared<int>(20));
+  queue.PushCommand(std::make_shared<int>(30), true);
   queue.Push(2);
-  EXPECT_EQ(*std::get<1>(*queue.Pop()), 10);
-  EXPECT_EQ(PopInput(&queue), 1);
-  EXPECT_EQ(*std::get<1>(*queue.Pop()), 20);
-  EXPECT_EQ(std::get<2>(*queue.Pop()).input, 2);
-}
-
-TEST(WorkQueue, UrgentCommandsComeFirst) {
-  Queue queue(OverloadPolicy::kBlock);
-  queue.Push(1);
-  queue.PushCommand(std::make_shared<int>(10));
-  queue.PushCommand(std::make_shared<int>(20), true);
-  EXPECT_EQ(*std::get<1>(*queue.Pop()), 20);
-  EXPECT_EQ(PopInput(&queue), 1);
-  queue.PushCommand(std::make_shared<int>(21), true);
-  EXPECT_EQ(*std::get<1>(*queue.Pop()), 21);
-}
-
-TEST(WorkQueue, ClearInputsLeavesCommands) {
-  Queue queue(OverloadPolicy::kSkipIfBusy);
-  queue.Push(1);
-  queue.PushCommand(std::make_shared<int>(10));
-  queue.Push(2);
-  const auto cleared = queue.ClearInputs();
-  EXPECT_EQ(cleared, (std::deque<int>{1, 2})) << "2 was overtaken";
+  EXPECT_EQ(pop_command(), 30) << "urgent";
+  EXPECT_EQ(pop_command(), 10);
+  EXPECT_EQ(queue.ClearInputs(), (std::deque<int>{1, 2})) << "2 was overtaken";
   EXPECT_EQ(queue.waiting_inputs(), 0u);
-  EXPECT_EQ(queue.Pop()->index(), 1u);
+  EXPECT_EQ(pop_command(), 20);
 }
 
 TEST(WorkQueue, StopWakesEverybodyAndDiscards) {
