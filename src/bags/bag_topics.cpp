@@ -16,6 +16,7 @@
 #include <sensor_msgs/PointCloud.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <sensor_msgs/image_encodings.h>
+#include <boost/algorithm/string/predicate.hpp>
 
 #include "acmp_mapping/common/error.h"
 
@@ -76,10 +77,8 @@ std::set<std::string> DepthTopics(const rosbag::Bag& bag) {
 std::string ChooseMaskTopic(const std::vector<BagTopic>& topics, const TopicChoice& wanted) {
   const std::vector<std::string> types = {ros::message_traits::DataType<sensor_msgs::Image>::value()};
   if (!wanted.mask.empty()) return ChooseTopic(topics, types, wanted.mask, "--mask");
-  const std::string ending = "mask";
   for (const BagTopic& topic : topics) {
-    const size_t size = topic.name.size();
-    const bool is_named = size >= ending.size() && topic.name.compare(size - ending.size(), size, ending) == 0;
+    const bool is_named = boost::algorithm::ends_with(topic.name, "mask");
     if (is_named && topic.type == types.front() && topic.name != wanted.image) return topic.name;
   }
   return "";

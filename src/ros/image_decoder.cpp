@@ -4,6 +4,7 @@
 #include <string_view>
 
 #include <sensor_msgs/image_encodings.h>
+#include <boost/algorithm/string/predicate.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "acmp_mapping/common/error.h"
@@ -42,13 +43,9 @@ constexpr PixelFormat kFormats[] = {{"mono8", 1, cv::COLOR_GRAY2RGB},
                                     {"8UC3", 3, cv::COLOR_BGR2RGB, "bgr8"},
                                     {"8UC4", 4, cv::COLOR_BGRA2RGB, "bgra8"}};
 
-bool EndsWith(const std::string& text, std::string_view ending) {
-  return text.size() >= ending.size() && text.compare(text.size() - ending.size(), ending.size(), ending) == 0;
-}
-
 /// The same encoding with 8 bits: "mono8" of "mono16". Empty: it has not 16 bits.
 std::string WithEightBits(const std::string& encoding) {
-  if (!EndsWith(encoding, "16")) return "";
+  if (!boost::algorithm::ends_with(encoding, "16")) return "";
   return encoding.substr(0, encoding.size() - 2) + "8";
 }
 
@@ -108,7 +105,7 @@ cv::Mat ImageDecoder::DecodeCompressed(const sensor_msgs::CompressedImage& image
   const bool mosaic = encodings::isBayer(encoding);
   if (IsPng16(content)) {
     Image<uint16_t> grey = DecodePng16(name, content);
-    return Convert(name, mosaic && EndsWith(encoding, "16") ? encoding : encodings::MONO16,
+    return Convert(name, mosaic && boost::algorithm::ends_with(encoding, "16") ? encoding : encodings::MONO16,
                    cv::Mat(grey.height(), grey.width(), CV_16U, grey.data()));
   }
   ColorImage rgb = DecodeColorImage(name, content);
@@ -116,7 +113,7 @@ cv::Mat ImageDecoder::DecodeCompressed(const sensor_msgs::CompressedImage& image
   if (!mosaic || !IsGrey(rgb)) return pixels.clone();
   cv::Mat grey;
   cv::extractChannel(pixels, grey, 0);
-  return Convert(name, EndsWith(encoding, "16") ? WithEightBits(encoding) : encoding, grey);
+  return Convert(name, boost::algorithm::ends_with(encoding, "16") ? WithEightBits(encoding) : encoding, grey);
 }
 
 cv::Mat ImageDecoder::Convert(const std::string& name, const std::string& encoding, const cv::Mat& pixels) {

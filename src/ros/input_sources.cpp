@@ -1,11 +1,11 @@
 #include "acmp_mapping/ros/input_sources.h"
 
-#include <algorithm>
 #include <cstring>
 #include <functional>
 #include <utility>
 
 #include <tf2_msgs/TFMessage.h>
+#include <boost/algorithm/string/predicate.hpp>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/checked_messages.h"
@@ -251,8 +251,8 @@ std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle
 }
 
 std::string WithoutCompressed(const std::string& topic) {
-  const size_t end = topic.size() - std::min(topic.size(), std::strlen(names::kCompressed));
-  return end > 0 && topic.compare(end, std::string::npos, names::kCompressed) == 0 ? topic.substr(0, end) : topic;
+  if (!boost::algorithm::ends_with(topic, names::kCompressed) || topic == names::kCompressed) return topic;
+  return topic.substr(0, topic.size() - std::strlen(names::kCompressed));
 }
 
 void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs) {
