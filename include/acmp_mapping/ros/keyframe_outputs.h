@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include <boost/circular_buffer.hpp>
+
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 
@@ -46,11 +48,14 @@ class LatencyWindow {
     double median_ms = 0, p99_ms = 0, max_ms = 0;
   };
 
-  void Add(double latency_ms);
+  void Add(double latency_ms) {
+    latencies_ms_.push_back(latency_ms);
+    ++count_;
+  }
   Quantiles quantiles() const;
 
  private:
-  std::vector<double> latencies_ms_;  ///< a ring once it is full
+  boost::circular_buffer<double> latencies_ms_{kCapacity};
   size_t count_ = 0;
 };
 
