@@ -159,6 +159,7 @@ class MasterWatch {
   ros::WallTimer timer_;
 };
 
+NodeletBase::NodeletBase() = default;
 NodeletBase::~NodeletBase() = default;
 
 void NodeletBase::onInit() {

@@ -21,6 +21,7 @@ class MasterWatch;
 /// the ROS master was restarted, they register with the new one.
 class NodeletBase : public nodelet::Nodelet {
  public:
+  NodeletBase();
   ~NodeletBase() override;
 
  protected:
