@@ -29,6 +29,7 @@ KeyframeOutput MakeOutput() {
   origin.path.tolerance_ns = 2500000;
   origin.path_frame = "global";
   frame->run = 1700000000123456789;
+  frame->jpeg = std::make_shared<const std::string>("a picture");
   auto maps = std::make_shared<KeyframeDepth>();
   maps->frame = std::move(frame);
   return {maps, {}, {{{1, 2, 3}, {0, 0, -1}, {4, 5, 6}, 0.5f}, {{7, 8, 9}, {0, 0, -1}, {1, 1, 1}, 0.25f}}};
@@ -49,6 +50,11 @@ TEST(KeyframePoints, SayWhereARefinedPoseLies) {
   EXPECT_EQ(pose.refined->refined.world_from_cam.matrix(), output.origin().world_from_cam.inverse().matrix());
   EXPECT_EQ(pose.refined->refined.scale, 0.25);
   EXPECT_EQ(pose.refined->received.matrix(), output.origin().world_from_cam.matrix());
+}
+
+TEST(KeyframePoints, BringTheImageOnce) {
+  EXPECT_EQ(ToKeyframePoints(MakeOutput(), "m", false)->image.data.size(), 9u);
+  EXPECT_TRUE(ToKeyframePoints(MakeOutput(), "m", true)->image.data.empty()) << "better points";
 }
 
 TEST(KeyframePoints, BadOnesAreRefused) {
