@@ -4,17 +4,14 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <memory>
 #include <optional>
 
 #include <rosbag/view.h>
 #include <tf2/buffer_core.h>
 #include <tf2_msgs/TFMessage.h>
 
-#include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/ros/bag_file.h"
 #include "acmp_mapping/ros/checked_messages.h"
-#include "acmp_mapping/ros/reading_check.h"
 #include "acmp_mapping/ros/tf_lookup.h"
 #include "bag_feed.h"
 
@@ -22,9 +19,6 @@ namespace acmp {
 namespace {
 
 constexpr size_t kFewestKeyframes = 3;  // keyframes: one waits for two source views
-constexpr double kNsPerBagSecond = 1e9;
-// Images that are matched, at most: rows of them, since where poses look alike at the start those of others tell.
-constexpr size_t kViewsInARow = 12, kMostRows = 4;
 constexpr std::array<const char*, 4> kPoseSources = {"pose", "pose_cov", "odom", "transform"};  // in the order of types
 
 bool IsMost(size_t part, size_t whole) { return static_cast<double>(part) >= 0.9 * static_cast<double>(whole); }
@@ -52,30 +46,23 @@ std::string RootOf(const tf2::BufferCore& buffer, const std::string& frame) {
   return root;
 }
 
-/// Seconds from each of `stamps` to the nearest of `others`, which are not empty; ascending.
-std::vector<double> NearestGaps(const std::vector<int64_t>& stamps, std::vector<int64_t> others) {
-  std::sort(others.begin(), others.end());
-  std::vector<double> gaps;
-  for (const int64_t stamp : stamps) {
-    const auto after = std::lower_bound(others.begin(), others.end(), stamp);
-    int64_t gap = std::numeric_limits<int64_t>::max();
-    if (after != others.end()) gap = *after - stamp;
-    if (after != others.begin()) gap = std::min(gap, stamp - *std::prev(after));
-    gaps.push_back(static_cast<double>(gap) / kNsPerBagSecond);
-  }
-  std::sort(gaps.begin(), gaps.end());
-  return gaps;
-}
-
 /// The tolerance that nearly all of the rarer of images and poses need; none where that is sensible for no camera.
 std::optional<double> NeededTolerance(const Stream& images, const Stream& poses) {
   constexpr double kLargestSensible_s = 0.05;  // a hand-held camera moves visibly in that time
-  if (images.stamps_ns.empty() || poses.stamps_ns.empty()) return std::nullopt;
-  // Poses of keyframes only, or of every IMU sample.
-  const std::vector<double> gaps = images.stamps_ns.size() <= poses.stamps_ns.size()
-                                       ? NearestGaps(images.stamps_ns, poses.stamps_ns)
-                                       : NearestGaps(poses.stamps_ns, images.stamps_ns);
-  const double needed_s = gaps[static_cast<size_t>(0.95 * static_cast<double>(gaps.size() - 1))];
+  std::vector<int64_t> rarer = images.stamps_ns, others = poses.stamps_ns;  // poses of keyframes only, or of an IMU
+  if (others.size() < rarer.size()) std::swap(rarer, others);
+  if (rarer.empty()) return std::nullopt;
+  std::sort(others.begin(), others.end());
+  std::vector<double> gaps_s;
+  for (const int64_t stamp_ns : rarer) {
+    const auto after = std::lower_bound(others.begin(), others.end(), stamp_ns);
+    int64_t gap_ns = std::numeric_limits<int64_t>::max();
+    if (after != others.end()) gap_ns = *after - stamp_ns;
+    if (after != others.begin()) gap_ns = std::min(gap_ns, stamp_ns - *std::prev(after));
+    gaps_s.push_back(static_cast<double>(gap_ns) * 1e-9);
+  }
+  std::sort(gaps_s.begin(), gaps_s.end());
+  const double needed_s = gaps_s[static_cast<size_t>(0.95 * static_cast<double>(gaps_s.size() - 1))];
   return needed_s <= kLargestSensible_s ? std::make_optional(needed_s) : std::nullopt;
 }
 
@@ -331,48 +318,6 @@ bool UseTf(const IntakeRun& run, const tf2::BufferCore& transforms, NodeOptions*
   return true;
 }
 
-/// Those that are matched: some in a row, from several places of the recording.
-std::vector<ViewInBag> ChooseViews(const std::vector<ViewInBag>& views) {
-  if (views.size() <= kViewsInARow * kMostRows) return views;
-  std::vector<ViewInBag> chosen;
-  for (size_t row = 0; row < kMostRows; ++row) {
-    const auto start = static_cast<int64_t>((views.size() - kViewsInARow) * row / (kMostRows - 1));
-    chosen.insert(chosen.end(), views.begin() + start, views.begin() + start + static_cast<int64_t>(kViewsInARow));
-  }
-  return chosen;
-}
-
-/// What the images say of the poses, asked as the mapper asks.
-ReadingVerdict JudgeImages(const rosbag::Bag& bag, const std::string& topic, const IntakeRun& run) {
-  constexpr int kSize = 640;  // px
-  ReadingCheck check(kViewsInARow * kMostRows);
-  std::unique_ptr<Rectifier> rectifier;
-  CalibrationPtr calibration;
-  for (const ViewInBag& view : ChooseViews(run.views)) {
-    if (view.calibration != calibration) {
-      calibration = view.calibration;
-      const Lens lens = calibration->MakeLens();
-      rectifier = std::make_unique<Rectifier>(lens, FacesOf(lens).front());
-    }
-    const ros::Time received = run.received.at(view.stamp_ns);
-    for (const rosbag::MessageInstance& record : rosbag::View(bag, rosbag::TopicQuery(topic), received, received)) {
-      try {
-        EncodedImage image;
-        if (record.getDataType() == ImageTypes().front()) {
-          image.raw = InstantiateChecked<sensor_msgs::Image>(record);
-        } else {
-          image.compressed = InstantiateChecked<sensor_msgs::CompressedImage>(record);
-        }
-        if (!(image.raw || image.compressed) || ToStampNs(image.header().stamp) != view.stamp_ns) continue;
-        check.Add(MakeFrame(0, 0, rectifier->Rectify(DecodeRgb(image)), rectifier->face().camera,
-                            view.world_from_cam.inverse(), {}, {kSize}));
-      } catch (const InvalidInputError&) {  // has been told
-      }
-    }
-  }
-  return check.Judge(run.semantics);
-}
-
 /// Reads the poses as images say, or where they do not tell, as frames and tf do. Returns whether that is another
 /// reading, and says why.
 bool DeclareReading(const IntakeRun& run, const ReadingVerdict& verdict, NodeOptions* options, Findings* findings) {
@@ -415,10 +360,10 @@ BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
     findings.Add(Severity::kWarning, "only ", before, " images have a pose within ", tolerance_s,
                  " s; set ~sync_tolerance to ", options.matcher.sync_tolerance_s);
   }
-  ReadingVerdict verdict = JudgeImages(bag, chosen.image, run);
+  ReadingVerdict verdict = run.images_of_poses->Judge(run.semantics);
   if (!asked.semantics_declared && DeclareReading(run, verdict, &options, &findings)) {
     run = feed();
-    verdict = JudgeImages(bag, chosen.image, run);
+    verdict = run.images_of_poses->Judge(run.semantics);
   }
   if (!verdict.text.empty()) {
     findings.Add(Severity::kWarning, "poses do not fit the images", verdict.text);

@@ -1,23 +1,31 @@
 #include "bag_feed.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <limits>
 #include <memory>
 
 #include <rosbag/view.h>
 
+#include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/ros/checked_messages.h"
 
 namespace acmp {
 namespace {
 
 constexpr int64_t kBetweenViewsNs = 200000000;  ///< of images that are matched: a camera moves by some cm
+// Images that are matched, at most: rows of them, since where poses look alike at the start those of others tell.
+constexpr size_t kViewsInARow = 12, kRows = 4;
 
 class BagFeed {
  public:
   BagFeed(const BagTopics& topics, const NodeOptions& options, const TransformSource& transforms)
-      : topics_(topics), options_(options), intake_(options, KeyframeGateOptions(), 0, transforms) {
+      : topics_(topics),
+        options_(options),
+        intake_(options, KeyframeGateOptions(), 0, transforms),
+        row_s_(topics.Find(topics.chosen.image).duration_s / kRows) {
+    run_.images_of_poses = std::make_unique<ReadingCheck>(kRows * kViewsInARow);
     intake_.set_clouds_expected(!topics.chosen.sparse_points.empty());
     intake_.set_companion_expected(kMaskStream, !topics.chosen.mask.empty());
     run_.source_images.resize(topics.chosen.source_images.size());
@@ -74,8 +82,8 @@ class BagFeed {
       if (topic != chosen.source_images[i]) continue;
       WithImage(record, &run_.source_images[i], [&](const EncodedImage& image) {
         DecodeRgb(image);
-        intake_.AddCompanion(kSourceStream + i,
-                             {ToStampNs(image.header().stamp), WithoutPixels(image, topic, &run_.source_images[i])});
+        intake_.AddCompanion(kSourceStream + i, {Count(image.header(), &run_.source_images[i]),
+                                                 std::make_shared<const EncodedImage>(image)});
       });
     }
     if (topic == chosen.image) {
@@ -83,8 +91,8 @@ class BagFeed {
         const cv::Mat rgb = DecodeRgb(image);  // as the mapper does it later
         run_.encoding = image.raw ? image.raw->encoding : image.compressed->format;
         run_.sizes.insert({rgb.cols, rgb.rows});
-        run_.received.emplace(ToStampNs(image.header().stamp), record.getTime());
-        intake_.AddImage(WithoutPixels(image, topic, &run_.images));
+        Count(image.header(), &run_.images);
+        intake_.AddImage(std::make_shared<const EncodedImage>(image));
       });
     } else if (topic == chosen.mask) {
       With<sensor_msgs::Image>(record, &run_.masks, [&](const auto& mask) { TakeMask(mask); });
@@ -105,27 +113,27 @@ class BagFeed {
     stream->stamps_ns.push_back(stamp_ns);
     stream->frame = StripLeadingSlash(frame);
   }
+  /// Returns the stamp.
+  int64_t Count(const std_msgs::Header& header, Stream* stream) {
+    const int64_t stamp_ns = ToStampNs(header.stamp);
+    Count(stamp_ns, header.frame_id, stream);
+    return stamp_ns;
+  }
 
   template <class Use>
   void WithImage(const rosbag::MessageInstance& record, Stream* stream, const Use& use) {
-    With<sensor_msgs::Image>(record, stream, [&](const auto& raw) { use(EncodedImage{raw, nullptr}); });
-    With<sensor_msgs::CompressedImage>(record, stream, [&](const auto& file) { use(EncodedImage{nullptr, file}); });
-  }
-
-  /// For the intake, in which many may wait for their poses.
-  std::shared_ptr<const EncodedImage> WithoutPixels(const EncodedImage& image, const std::string& topic,
-                                                    Stream* stream) {
-    Count(ToStampNs(image.header().stamp), image.header().frame_id, stream);
-    const auto header = boost::make_shared<sensor_msgs::Image>();
-    header->header = image.header();
-    return std::make_shared<const EncodedImage>(EncodedImage{header, nullptr, topic});
+    const std::string& topic = record.getTopic();
+    With<sensor_msgs::Image>(record, stream, [&](const auto& raw) { use(EncodedImage{raw, nullptr, topic}); });
+    With<sensor_msgs::CompressedImage>(record, stream, [&](const auto& file) {
+      use(EncodedImage{nullptr, file, topic});
+    });
   }
 
   void TakeInfo(const sensor_msgs::CameraInfo& info) {
     intake_.AddCameraInfo(info);
     run_.calibration = ToCalibration(info, options_.rectified);
     run_.names_a_model = !info.distortion_model.empty() || !info.D.empty();
-    Count(ToStampNs(info.header.stamp), info.header.frame_id, &run_.infos);
+    Count(info.header, &run_.infos);
   }
 
   void TakePose(PoseSample pose) {
@@ -145,7 +153,7 @@ class BagFeed {
   void TakeMask(const sensor_msgs::ImageConstPtr& message) {
     ImageSample mask = ToMaskSample(message);
     if (run_.calibration) DecodeMask(*mask.image, run_.calibration->camera);  // as the mapper does it later
-    Count(mask.stamp_ns, message->header.frame_id, &run_.masks);
+    Count(message->header, &run_.masks);
     intake_.AddCompanion(kMaskStream, std::move(mask));
   }
 
@@ -171,9 +179,7 @@ class BagFeed {
     ++run_.posed;
     run_.masked += keyframe.mask != nullptr;
     for (const SourceImage& source : keyframe.source_images) ++run_.with_source[source.image->topic];
-    if (run_.views.empty() || std::llabs(keyframe.stamp_ns - run_.views.back().stamp_ns) >= kBetweenViewsNs) {
-      run_.views.push_back({keyframe.stamp_ns, keyframe.world_from_cam, keyframe.calibration});
-    }
+    TakeView(keyframe);
     const auto range = DepthRangeFromLandmarks(keyframe.landmarks_in_world, keyframe.calibration->camera,
                                                keyframe.world_from_cam.inverse(), {});
     if (!range) return;
@@ -182,11 +188,37 @@ class BagFeed {
     run_.range->max = std::max(run_.range->max, range->max);
   }
 
+  /// For matches between images, where its turn has come.
+  void TakeView(const KeyframeInput& keyframe) {
+    constexpr int kSize = 640;  // px
+    if (!first_ns_) first_ns_ = keyframe.stamp_ns;
+    if (view_ns_ && std::llabs(keyframe.stamp_ns - *view_ns_) < kBetweenViewsNs) return;
+    view_ns_ = keyframe.stamp_ns;
+    const double since_start_s = std::max(0.0, static_cast<double>(keyframe.stamp_ns - *first_ns_) * 1e-9);
+    const size_t row = row_s_ > 0 ? static_cast<size_t>(std::min(since_start_s / row_s_, kRows - 1.0)) : 0;
+    if (views_[row]++ >= kViewsInARow) return;
+    if (keyframe.calibration != rectified_) {
+      rectified_ = keyframe.calibration;
+      const Lens lens = rectified_->MakeLens();
+      rectifier_.emplace(lens, FacesOf(lens).front());
+    }
+    try {
+      run_.images_of_poses->Add(MakeFrame(0, 0, rectifier_->Rectify(DecodeRgb(*keyframe.image)),
+                                          rectifier_->face().camera, keyframe.world_from_cam.inverse(), {}, {kSize}));
+    } catch (const InvalidInputError&) {  // of another size than its camera's, which is told
+    }
+  }
+
   const BagTopics& topics_;
   const NodeOptions& options_;
   KeyframeIntake intake_;
   IntakeRun run_;
   Eigen::Vector3d last_position_ = Eigen::Vector3d::Zero();
+  const double row_s_;  ///< of the recording, from which a row of images is matched
+  std::array<size_t, kRows> views_ = {};
+  std::optional<int64_t> first_ns_, view_ns_;  ///< of keyframes: the first; the last that might be matched
+  CalibrationPtr rectified_;
+  std::optional<Rectifier> rectifier_;  ///< of that
 };
 
 }  // namespace

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <map>
+#include <memory>
 #include <optional>
 #include <set>
 #include <string>
@@ -11,6 +12,7 @@
 #include "acmp_mapping/bags/bag_check.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/ros/input_sources.h"
+#include "acmp_mapping/ros/reading_check.h"
 
 namespace acmp {
 
@@ -46,13 +48,6 @@ struct Stream {
   size_t size() const { return used() + refused; }
 };
 
-/// A keyframe whose image may be matched with others.
-struct ViewInBag {
-  int64_t stamp_ns;
-  RigidTransform world_from_cam;
-  CalibrationPtr calibration;
-};
-
 /// All that one run of a bag through the mapper's intake tells.
 struct IntakeRun {
   Stream images, infos, poses, clouds, masks;
@@ -62,15 +57,14 @@ struct IntakeRun {
   std::optional<CameraCalibration> calibration;  ///< the last one
   bool names_a_model = true;                     ///< the calibration, of distortion
   size_t keyframes = 0, masked = 0, time_jumps = 0;
-  std::map<std::string, size_t> with_source;  ///< keyframes that have an image of this topic
-  std::string source_places;                  ///< where these are
-  std::map<int64_t, ros::Time> received;      ///< images, by stamp
-  std::vector<ViewInBag> views;
-  PoseSemantics semantics;          ///< with the T_body_cam in use, or known
-  size_t posed = 0;                 ///< images that have got a pose, whatever became of them
-  double path = 0;                  ///< length, unit of the poses
-  std::string child_frame;          ///< of the last pose
-  std::optional<DepthRange> range;  ///< of the landmarks of all keyframes
+  std::map<std::string, size_t> with_source;      ///< keyframes that have an image of this topic
+  std::string source_places;                      ///< where these are
+  std::unique_ptr<ReadingCheck> images_of_poses;  ///< some keyframes in a row, from several places of the recording
+  PoseSemantics semantics;                        ///< with the T_body_cam in use, or known
+  size_t posed = 0;                               ///< images that have got a pose, whatever became of them
+  double path = 0;                                ///< length, unit of the poses
+  std::string child_frame;                        ///< of the last pose
+  std::optional<DepthRange> range;                ///< of the landmarks of all keyframes
   std::vector<std::string> warnings, convention_warnings;
   struct Rejection {
     size_t count = 0;

@@ -5,6 +5,7 @@
 #include <nav_msgs/Path.h>
 #include <sensor_msgs/image_encodings.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
+#include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/scene.h"
@@ -194,13 +195,8 @@ geometry_msgs::PoseStamped ToPoseStamped(const RigidTransform& cam_from_world, c
   const Eigen::Quaterniond rotation = Eigen::Quaterniond(world_from_cam.linear()).normalized();
   geometry_msgs::PoseStamped message;
   message.header = header;
-  message.pose.position.x = world_from_cam.translation().x();
-  message.pose.position.y = world_from_cam.translation().y();
-  message.pose.position.z = world_from_cam.translation().z();
-  message.pose.orientation.x = rotation.x();
-  message.pose.orientation.y = rotation.y();
-  message.pose.orientation.z = rotation.z();
-  message.pose.orientation.w = rotation.w();
+  message.pose.position = tf2::toMsg(Eigen::Vector3d(world_from_cam.translation()));
+  message.pose.orientation = tf2::toMsg(rotation);
   return message;
 }
 

@@ -16,6 +16,7 @@
 #include <sensor_msgs/PointCloud.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <sensor_msgs/image_encodings.h>
+#include <boost/algorithm/string/predicate.hpp>
 
 #include "acmp_mapping/common/error.h"
 
@@ -23,21 +24,16 @@ namespace acmp {
 namespace {
 
 std::vector<BagTopic> ReadTopics(const rosbag::Bag& bag) {
-  std::map<std::string, BagTopic> topics;
-  std::map<std::string, ros::Time> first;
-  rosbag::View all(bag);
-  for (const rosbag::ConnectionInfo* connection : all.getConnections()) {
-    topics[connection->topic] = {connection->topic, connection->datatype, 0, 0};
+  std::map<std::string, std::string> types;
+  for (const rosbag::ConnectionInfo* connection : rosbag::View(bag).getConnections()) {
+    types[connection->topic] = connection->datatype;
   }
-  for (const rosbag::MessageInstance& message : all) {
-    BagTopic& topic = topics[message.getTopic()];
-    ++topic.messages;
-    topic.duration_s = (message.getTime() - first.try_emplace(topic.name, message.getTime()).first->second).toSec();
+  std::vector<BagTopic> topics;
+  for (const auto& [name, type] : types) {
+    rosbag::View messages(bag, rosbag::TopicQuery(name));
+    topics.push_back({name, type, messages.size(), (messages.getEndTime() - messages.getBeginTime()).toSec()});
   }
-  std::vector<BagTopic> list;
-  list.reserve(topics.size());
-  for (auto& [name, topic] : topics) list.push_back(std::move(topic));
-  return list;
+  return topics;
 }
 
 /// The wanted topic, or the preferred one of some types; empty when there is none.
@@ -81,10 +77,8 @@ std::set<std::string> DepthTopics(const rosbag::Bag& bag) {
 std::string ChooseMaskTopic(const std::vector<BagTopic>& topics, const TopicChoice& wanted) {
   const std::vector<std::string> types = {ros::message_traits::DataType<sensor_msgs::Image>::value()};
   if (!wanted.mask.empty()) return ChooseTopic(topics, types, wanted.mask, "--mask");
-  const std::string ending = "mask";
   for (const BagTopic& topic : topics) {
-    const size_t size = topic.name.size();
-    const bool is_named = size >= ending.size() && topic.name.compare(size - ending.size(), size, ending) == 0;
+    const bool is_named = boost::algorithm::ends_with(topic.name, "mask");
     if (is_named && topic.type == types.front() && topic.name != wanted.image) return topic.name;
   }
   return "";

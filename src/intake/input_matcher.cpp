@@ -1,8 +1,10 @@
 #include "acmp_mapping/intake/input_matcher.h"
 
 #include <algorithm>
+#include <cinttypes>
 #include <cmath>
-#include <limits>
+#include <cstdio>
+#include <cstdlib>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
@@ -11,11 +13,30 @@ namespace acmp {
 namespace {
 
 constexpr size_t kPoseCapacity = 2000;  ///< 10 s of a 200 Hz source
+constexpr size_t kMoreThanImages = 10;  ///< clouds, masks, depth: those of images that are still to come
 
 int64_t ToNs(double seconds) { return std::llround(seconds * 1e9); }
 double ToMs(int64_t ns) { return static_cast<double>(ns) * 1e-6; }
 
+/// The received one whose stamp is nearest, of all or of those that are not used; null: none.
+template <class Received>
+auto Nearest(Received& received, int64_t stamp_ns, bool unused = false) -> decltype(&received.front()) {
+  decltype(&received.front()) nearest = nullptr;
+  const auto gap = [&](const auto& r) { return std::llabs(r.stamp_ns - stamp_ns); };
+  for (auto& one : received) {
+    if (!(unused && one.used) && (!nearest || gap(one) < gap(*nearest))) nearest = &one;
+  }
+  return nearest;
+}
+
 }  // namespace
+
+std::string FormatStamp(int64_t stamp_ns) {
+  constexpr int64_t kNsPerS = 1000000000;
+  char text[40];
+  std::snprintf(text, sizeof(text), "%" PRId64 ".%09" PRId64, stamp_ns / kNsPerS, stamp_ns % kNsPerS);
+  return text;
+}
 
 InputMatcher::InputMatcher(const InputMatcherOptions& options)
     : options_(options),
@@ -52,12 +73,12 @@ void InputMatcher::AddImage(ImageSample image) {
 
 void InputMatcher::AddPose(PoseSample pose) {
   const int64_t stamp_ns = pose.stamp_ns;
-  poses_.Add(stamp_ns, std::move(pose), ++arrivals_, kPoseCapacity);
+  poses_.Add(stamp_ns, std::move(pose), kPoseCapacity);
 }
 
 void InputMatcher::AddCloud(SparseCloudPtr cloud) {
   const int64_t stamp_ns = cloud->stamp_ns;
-  clouds_.Add(stamp_ns, std::move(cloud), ++arrivals_, CompanionCapacity());
+  clouds_.Add(stamp_ns, std::move(cloud), CompanionCapacity());
 }
 
 size_t InputMatcher::CompanionCapacity() const {
@@ -66,7 +87,7 @@ size_t InputMatcher::CompanionCapacity() const {
 
 void InputMatcher::AddCompanion(size_t stream, ImageSample sample) {
   const int64_t stamp_ns = sample.stamp_ns;
-  companions_.at(stream).buffer.Add(stamp_ns, std::move(sample), ++arrivals_, CompanionCapacity());
+  companions_.at(stream).buffer.Add(stamp_ns, std::move(sample), CompanionCapacity());
 }
 
 std::vector<MatchEvent> InputMatcher::Take(double now_s) {
@@ -152,7 +173,7 @@ std::optional<int64_t> InputMatcher::PoseGapOf(int64_t stamp_ns) const {
 bool InputMatcher::PoseIsFinal(int64_t image_stamp_ns, int64_t pose_stamp_ns) const {
   const int64_t gap_ns = pose_stamp_ns - image_stamp_ns;
   if (std::llabs(gap_ns) > sync_tolerance_ns_) return false;
-  return gap_ns >= -kSameExposureNs || poses_.runs.newest_ns() >= image_stamp_ns;
+  return gap_ns >= -kSameExposureNs || poses_.HasComeFrom(image_stamp_ns);
 }
 
 void InputMatcher::EmitReady(double now_s, bool wait) {

@@ -25,16 +25,10 @@ std::string DescribePosition(const RigidTransform& body_from_cam) {
 }  // namespace
 
 RigidTransform ChildFromCamera(const PoseSemantics& semantics) {
-  switch (semantics.child) {
-    case PoseSemantics::Child::kCameraOptical:
-      break;
-    case PoseSemantics::Child::kCameraFlu:
-      return FluFromOptical();
-    case PoseSemantics::Child::kBody:
-      if (!semantics.body_from_cam) throw std::logic_error("T_body_cam is not known");
-      return *semantics.body_from_cam;
-  }
-  return RigidTransform::Identity();
+  if (semantics.child == PoseSemantics::Child::kCameraOptical) return RigidTransform::Identity();
+  if (semantics.child == PoseSemantics::Child::kCameraFlu) return FluFromOptical();
+  if (!semantics.body_from_cam) throw std::logic_error("T_body_cam is not known");
+  return *semantics.body_from_cam;
 }
 
 RigidTransform WorldFromCamera(const PoseSemantics& semantics, const RigidTransform& received) {
@@ -66,15 +60,8 @@ const char* Name(PoseSemantics::Direction direction) {
 }
 
 const char* Name(PoseSemantics::Child child) {
-  switch (child) {
-    case PoseSemantics::Child::kCameraOptical:
-      return "camera_optical";
-    case PoseSemantics::Child::kCameraFlu:
-      return "camera_flu";
-    case PoseSemantics::Child::kBody:
-      return "body";
-  }
-  return "?";
+  constexpr const char* kNames[] = {"camera_optical", "camera_flu", "body"};
+  return kNames[static_cast<size_t>(child)];
 }
 
 std::string Describe(const PoseSemantics& semantics) {

@@ -2,7 +2,6 @@
 
 #include <exception>
 #include <filesystem>
-#include <tuple>
 
 #include <camera_calibration_parsers/parse.h>
 #include <yaml-cpp/yaml.h>
@@ -17,37 +16,27 @@ constexpr char kOtherFormats[] =
     "; of the files of VINS, ORB-SLAM, Kalibr and others, rosrun acmp_mapping convert_calibration.py makes one";
 constexpr int kMaxCoefficients = 14;  // the most of any model of CameraInfo
 
-/// One matrix of the file, of some name; `found` is what the name has.
-class MatrixNode {
- public:
-  MatrixNode(const YAML::Node& file, const char* name) : name_(name), node_(file[name]) {
-    if (!node_) throw InvalidInputError(Concat(name_, " is missing", kOtherFormats));
-    if (!node_.IsMap()) throw InvalidInputError(Concat(name_, ": must have rows, cols and data"));
-    rows = Number("rows");
-    cols = Number("cols");
-    const YAML::Node data = node_["data"];
-    if (!data || !data.IsSequence()) throw InvalidInputError(Concat(name_, ".data: must be a list of numbers"));
-    for (const YAML::Node& number : data) number.as<double>();  // throws YAML::Exception with line and column
-    numbers = data.size();
+/// @param rows, cols that the matrix must have; 0: those of distortion coefficients, of which models have some
+void CheckMatrix(const YAML::Node& file, const char* name, int rows, int cols) {
+  const YAML::Node node = file[name];
+  if (!node) throw InvalidInputError(Concat(name, " is missing", kOtherFormats));
+  if (!node.IsMap()) throw InvalidInputError(Concat(name, ": must have rows, cols and data"));
+  for (const char* key : {"rows", "cols"}) {
+    if (!node[key]) throw InvalidInputError(Concat(name, ".", key, " is missing"));
   }
-
-  [[noreturn]] void Refuse(const std::string& expected) const {
-    throw InvalidInputError(
-        Concat(name_, " has ", rows, " rows, ", cols, " cols and ", numbers, " numbers: must have ", expected));
-  }
-
-  int rows, cols;
-  size_t numbers;
-
- private:
-  int Number(const char* key) const {
-    if (!node_[key]) throw InvalidInputError(Concat(name_, ".", key, " is missing"));
-    return node_[key].as<int>();
-  }
-
-  const char* name_;
-  const YAML::Node node_;
-};
+  const YAML::Node data = node["data"];
+  if (!data || !data.IsSequence()) throw InvalidInputError(Concat(name, ".data: must be a list of numbers"));
+  for (const YAML::Node& number : data) number.as<double>();  // throws YAML::Exception with line and column
+  const int has_rows = node["rows"].as<int>(), has_cols = node["cols"].as<int>();
+  const auto fits = [&](int size) { return size >= 0 && size <= kMaxCoefficients; };
+  const bool right =
+      rows > 0 ? has_rows == rows && has_cols == cols : fits(has_rows) && fits(has_cols) && fits(has_rows * has_cols);
+  if (right && data.size() == static_cast<size_t>(has_rows * has_cols)) return;
+  throw InvalidInputError(Concat(name, " has ", has_rows, " rows, ", has_cols, " cols and ", data.size(),
+                                 " numbers: must have ",
+                                 rows > 0 ? Concat(rows, ", ", cols, " and ", rows * cols)
+                                          : Concat("at most ", kMaxCoefficients, " numbers, rows x cols of them")));
+}
 
 /// camera_calibration_parsers ends the process for matrices of another size, and takes memory for as many coefficients
 /// as rows and cols announce.
@@ -58,21 +47,10 @@ void CheckYaml(const std::string& path) {
     if (!file[name]) throw InvalidInputError(Concat(name, " is missing", kOtherFormats));
     CheckRange(name, file[name].as<int>(), 1, 1000000);
   }
-  const std::tuple<const char*, int, int> sizes[] = {
-      {"camera_matrix", 3, 3}, {"rectification_matrix", 3, 3}, {"projection_matrix", 3, 4}};
-  for (const auto& [name, rows, cols] : sizes) {
-    const MatrixNode matrix(file, name);
-    const auto numbers = static_cast<size_t>(rows * cols);
-    if (matrix.rows != rows || matrix.cols != cols || matrix.numbers != numbers) {
-      matrix.Refuse(Concat(rows, ", ", cols, " and ", numbers));
-    }
-  }
-  const MatrixNode distortion(file, "distortion_coefficients");
-  const int rows = distortion.rows, cols = distortion.cols;
-  const bool small = rows >= 0 && rows <= kMaxCoefficients && cols >= 0 && cols <= kMaxCoefficients;
-  if (!small || rows * cols > kMaxCoefficients || distortion.numbers != static_cast<size_t>(rows * cols)) {
-    distortion.Refuse(Concat("at most ", kMaxCoefficients, " numbers, rows x cols of them"));
-  }
+  CheckMatrix(file, "camera_matrix", 3, 3);
+  CheckMatrix(file, "rectification_matrix", 3, 3);
+  CheckMatrix(file, "projection_matrix", 3, 4);
+  CheckMatrix(file, "distortion_coefficients", 0, 0);
 }
 
 }  // namespace

@@ -265,7 +265,7 @@ class DenseMapperNodelet : public NodeletBase {
   void Dispatch(IntakeEvent event, bool wait_for_room) {
     if (auto* drop = std::get_if<RejectedInput>(&event)) return Report(*drop);
     if (auto* notice = std::get_if<Notice>(&event)) {
-      if (notice->warning && publisher_->verdict().text.empty()) {  // images tell more than points in view
+      if (notice->warning && publisher_->readings().verdict().text.empty()) {  // images tell more than points in view
         NODELET_WARN("%s", notice->text.c_str());
       } else if (!notice->warning) {
         NODELET_INFO("%s", notice->text.c_str());
@@ -274,13 +274,13 @@ class DenseMapperNodelet : public NodeletBase {
     }
     if (auto* jump = std::get_if<TimeJump>(&event)) {
       tf_->Clear();
-      publisher_->ForgetReadings();
+      publisher_->readings().Clear();
       NODELET_WARN("time jumped back from image %s to %s: buffers and window are cleared",
                    FormatStamp(jump->from_ns).c_str(), FormatStamp(jump->to_ns).c_str());
       return worker_->StartOver();
     }
     if (auto* world = std::get_if<NewWorld>(&event)) {
-      publisher_->ForgetReadings();
+      publisher_->readings().Clear();
       Report(RejectedInput{"new_world", world->text});
       return worker_->StartOver();
     }
@@ -327,7 +327,7 @@ class DenseMapperNodelet : public NodeletBase {
       intake_->Clear();
     }
     const std::string failure = worker_->Reset();
-    publisher_->ForgetReadings();
+    publisher_->readings().Clear();
     Deliver();  // the drops; only now, since a full queue might have blocked it
     Expect(failure);
     return "buffers and window are empty";
@@ -358,7 +358,7 @@ class DenseMapperNodelet : public NodeletBase {
       std::lock_guard<std::mutex> lock(intake_mutex_);
       semantics = intake_->pose_semantics();
     }
-    const std::string found = publisher_->JudgeReadings(semantics).text;
+    const std::string found = publisher_->readings().Judge(semantics).text;
     if (!found.empty()) Report(RejectedInput{"pose_reading", Concat(kPosesDoNotFit, found)});
     return !found.empty();
   }
@@ -376,7 +376,7 @@ class DenseMapperNodelet : public NodeletBase {
     snapshot.points_sent = publisher_->points_sent();
     snapshot.drops = incidents_.entries();
     snapshot.images_dropped = incidents_.images();
-    const std::string found = publisher_->verdict().text;
+    const std::string found = publisher_->readings().verdict().text;
     std::lock_guard<std::mutex> lock(intake_mutex_);
     snapshot.waiting_images = intake_->waiting_images();
     snapshot.waiting_for = intake_->DescribeWait(snapshot.now_s);

@@ -1,10 +1,10 @@
 #include "acmp_mapping/ros/input_conversion.h"
 
 #include <algorithm>
-#include <cstring>
 #include <string_view>
 
 #include <sensor_msgs/image_encodings.h>
+#include <boost/algorithm/string/predicate.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "acmp_mapping/common/error.h"
@@ -43,13 +43,9 @@ constexpr PixelFormat kFormats[] = {{"mono8", 1, cv::COLOR_GRAY2RGB},
                                     {"8UC3", 3, cv::COLOR_BGR2RGB, "bgr8"},
                                     {"8UC4", 4, cv::COLOR_BGRA2RGB, "bgra8"}};
 
-bool EndsWith(const std::string& text, std::string_view ending) {
-  return text.size() >= ending.size() && text.compare(text.size() - ending.size(), ending.size(), ending) == 0;
-}
-
 /// The same encoding with 8 bits: "mono8" of "mono16". Empty: it has not 16 bits.
 std::string WithEightBits(const std::string& encoding) {
-  if (!EndsWith(encoding, "16")) return "";
+  if (!boost::algorithm::ends_with(encoding, "16")) return "";
   return encoding.substr(0, encoding.size() - 2) + "8";
 }
 
@@ -86,7 +82,7 @@ cv::Mat ImageDecoder::Decode(const EncodedImage& image, const PinholeCamera* cam
   const int depth = eight_bits.empty() ? CV_8U : CV_16U;
   cv::Mat pixels(static_cast<int>(raw.height), static_cast<int>(raw.width), CV_MAKETYPE(depth, format.channels),
                  const_cast<uint8_t*>(raw.data.data()), raw.step);  // never written to
-  if (!eight_bits.empty() && (raw.is_bigendian != 0) != IsBigEndianHost()) {
+  if (!eight_bits.empty() && (raw.is_bigendian != 0) != kBigEndianHost) {
     pixels = pixels.clone();
     for (auto* number = pixels.ptr<uint16_t>(); number != pixels.ptr<uint16_t>() + pixels.total() * format.channels;
          ++number) {
@@ -109,7 +105,7 @@ cv::Mat ImageDecoder::DecodeCompressed(const sensor_msgs::CompressedImage& image
   const bool mosaic = encodings::isBayer(encoding);
   if (IsPng16(content)) {
     Image<uint16_t> grey = DecodePng16(name, content);
-    return Convert(name, mosaic && EndsWith(encoding, "16") ? encoding : encodings::MONO16,
+    return Convert(name, mosaic && boost::algorithm::ends_with(encoding, "16") ? encoding : encodings::MONO16,
                    cv::Mat(grey.height(), grey.width(), CV_16U, grey.data()));
   }
   ColorImage rgb = DecodeColorImage(name, content);
@@ -117,7 +113,7 @@ cv::Mat ImageDecoder::DecodeCompressed(const sensor_msgs::CompressedImage& image
   if (!mosaic || !IsGrey(rgb)) return pixels.clone();
   cv::Mat grey;
   cv::extractChannel(pixels, grey, 0);
-  return Convert(name, EndsWith(encoding, "16") ? WithEightBits(encoding) : encoding, grey);
+  return Convert(name, boost::algorithm::ends_with(encoding, "16") ? WithEightBits(encoding) : encoding, grey);
 }
 
 cv::Mat ImageDecoder::Convert(const std::string& name, const std::string& encoding, const cv::Mat& pixels) {
@@ -165,13 +161,6 @@ void CheckImageSides(const std::string& name, const sensor_msgs::Image& image) {
   for (const uint32_t side : {image.width, image.height}) {
     CheckRange((name + ": width or height in px").c_str(), int64_t{side}, int64_t{1}, kMaxImageSide);
   }
-}
-
-bool IsBigEndianHost() {
-  const uint16_t one = 1;
-  uint8_t first;
-  std::memcpy(&first, &one, 1);
-  return first == 0;
 }
 
 }  // namespace acmp

@@ -205,7 +205,7 @@ ImageSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message) {
 DepthMap DecodePriorDepth(const EncodedImage& encoded) {
   const sensor_msgs::Image& image = *encoded.raw;
   const bool is_float = image.encoding == sensor_msgs::image_encodings::TYPE_32FC1;
-  const bool swap = (image.is_bigendian != 0) != IsBigEndianHost();
+  const bool swap = (image.is_bigendian != 0) != kBigEndianHost;
   DepthMap depth(static_cast<int>(image.width), static_cast<int>(image.height));
   bool has_depth = false;
   for (int row = 0; row < depth.height(); ++row) {

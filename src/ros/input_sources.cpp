@@ -1,11 +1,11 @@
 #include "acmp_mapping/ros/input_sources.h"
 
-#include <algorithm>
 #include <cstring>
 #include <functional>
 #include <utility>
 
 #include <tf2_msgs/TFMessage.h>
+#include <boost/algorithm/string/predicate.hpp>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/checked_messages.h"
@@ -49,25 +49,24 @@ std::string CompressedTopic(const ros::NodeHandle& nh, const std::string& image)
 /// What makes the mapper take a topic of this type; empty: nothing does. The names of arguments and parameters are
 /// those of our launch files.
 std::string HowToTake(Kind kind, const std::string& type, const std::string& topic) {
-  const std::map<std::string, const char*> poses = {
-      {TypeOf<geometry_msgs::PoseStamped>(), names::kPose},
-      {TypeOf<geometry_msgs::PoseWithCovarianceStamped>(), names::kPoseWithCovariance},
-      {TypeOf<nav_msgs::Odometry>(), names::kOdometry},
-      {TypeOf<geometry_msgs::TransformStamped>(), names::kTransform}};
-  const auto pose = poses.find(type);
-  if (kind == Kind::kPose && pose != poses.end()) {
-    return Concat("set pose_source:=", pose->second, " ", pose->second, ":=", topic);
+  const struct {
+    Kind kind;
+    std::string type;
+    const char* arguments;
+  } ways[] = {{Kind::kPose, TypeOf<geometry_msgs::PoseStamped>(), "pose_source:=pose pose:="},
+              {Kind::kPose, TypeOf<geometry_msgs::PoseWithCovarianceStamped>(), "pose_source:=pose_cov pose_cov:="},
+              {Kind::kPose, TypeOf<nav_msgs::Odometry>(), "pose_source:=odom odom:="},
+              {Kind::kPose, TypeOf<geometry_msgs::TransformStamped>(), "pose_source:=transform transform:="},
+              {Kind::kCloud, TypeOf<sensor_msgs::PointCloud2>(), "sparse_points:="},
+              {Kind::kCloud, TypeOf<sensor_msgs::PointCloud>(), "sparse_points_v1:="},
+              {Kind::kImage, TypeOf<sensor_msgs::Image>(), "image_transport:=raw image:="}};
+  for (const auto& way : ways) {
+    if (kind == way.kind && type == way.type) return Concat("set ", way.arguments, topic);
   }
-  if (kind == Kind::kCloud && type == TypeOf<sensor_msgs::PointCloud2>()) return Concat("set sparse_points:=", topic);
-  if (kind == Kind::kCloud && type == TypeOf<sensor_msgs::PointCloud>()) return Concat("set sparse_points_v1:=", topic);
-  if (kind == Kind::kImage && type == TypeOf<sensor_msgs::Image>())
-    return Concat("set image_transport:=raw image:=", topic);
-  if (kind == Kind::kImage && type == TypeOf<sensor_msgs::CompressedImage>()) {
-    const std::string image = WithoutCompressed(topic);
-    return image != topic ? Concat("set image_transport:=compressed image:=", image)
-                          : Concat("set image_transport:=compressed and remap image/compressed to ", topic);
-  }
-  return "";
+  if (kind != Kind::kImage || type != TypeOf<sensor_msgs::CompressedImage>()) return "";
+  const std::string image = WithoutCompressed(topic);
+  return image != topic ? Concat("set image_transport:=compressed image:=", image)
+                        : Concat("set image_transport:=compressed and remap image/compressed to ", topic);
 }
 
 std::string AdviceOn(const InputStatus& input, const std::map<std::string, std::string>& published) {
@@ -251,8 +250,8 @@ std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle
 }
 
 std::string WithoutCompressed(const std::string& topic) {
-  const size_t end = topic.size() - std::min(topic.size(), std::strlen(names::kCompressed));
-  return end > 0 && topic.compare(end, std::string::npos, names::kCompressed) == 0 ? topic.substr(0, end) : topic;
+  if (!boost::algorithm::ends_with(topic, names::kCompressed) || topic == names::kCompressed) return topic;
+  return topic.substr(0, topic.size() - std::strlen(names::kCompressed));
 }
 
 void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs) {

@@ -33,13 +33,6 @@ double MedianDepth(const std::vector<Eigen::Vector3d>& points_in_world, const Ri
   return depths.empty() ? 0 : Median(std::move(depths));
 }
 
-std::vector<Eigen::Vector3d> Moved(const RigidTransform& world_from_cloud, const std::vector<Eigen::Vector3d>& points) {
-  std::vector<Eigen::Vector3d> moved(points.size());
-  std::transform(points.begin(), points.end(), moved.begin(),
-                 [&](const Eigen::Vector3d& point) { return world_from_cloud * point; });
-  return moved;
-}
-
 }  // namespace
 
 KeyframeOrigin KeyframeOrigin::OfFace(const PinholeFace& of) const {
@@ -346,7 +339,11 @@ std::vector<Eigen::Vector3d> KeyframeIntake::PlaceCloud(const MatchedInput& matc
       events->emplace_back(Notice{true, std::move(*warning)});
     }
   }
-  return *in_camera ? Moved(resolver_.WorldFromCamera(cloud_pose.received), cloud.points) : cloud.points;
+  std::vector<Eigen::Vector3d> points = cloud.points;
+  if (!*in_camera) return points;
+  const RigidTransform world_from_cloud = resolver_.WorldFromCamera(cloud_pose.received);
+  for (Eigen::Vector3d& point : points) point = world_from_cloud * point;
+  return points;
 }
 
 std::optional<bool> KeyframeIntake::IsInCamera(const MatchedInput& match, const KeyframeInput& input,

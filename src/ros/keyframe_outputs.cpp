@@ -42,8 +42,7 @@ PointCloud KeptPoints(const KeyframeDepth& maps) {
 }  // namespace
 
 KeyframeOutput MakeKeyframeOutput(const KeyframeDepthPtr& maps, double min_depth_confidence) {
-  const auto& frame = static_cast<const ReceivedFrame&>(*maps->frame);
-  return {frame.origin, frame.run, maps, MakeKeepMask(*maps, min_depth_confidence), KeptPoints(*maps), frame.jpeg};
+  return {maps, MakeKeepMask(*maps, min_depth_confidence), KeptPoints(*maps)};
 }
 
 std::string DescribePixels(const KeyframeOutput& output) {
@@ -70,24 +69,16 @@ std::string DescribePixels(const KeyframeOutput& output) {
   const auto share = [&](size_t pixels) {
     return Concat(std::lround(100 * static_cast<double>(pixels) / static_cast<double>(maps.depth.size())), " % ");
   };
-  return Concat("image ", FormatStamp(output.origin.stamp_ns), ": ", share(output.points_in_camera.size()), "points, ",
-                share(not_confident), "below min_confidence, ", share(guessed), "filled in where no view confirms it, ",
-                share(without_depth), "without depth, ", share(masked), "masked; ", share(at_range_end),
-                "at an end of the depth range, ", maps.range.min, " to ", maps.range.max);
-}
-
-void LatencyWindow::Add(double latency_ms) {
-  if (latencies_ms_.size() < kCapacity) {
-    latencies_ms_.push_back(latency_ms);
-  } else {
-    latencies_ms_[count_ % kCapacity] = latency_ms;
-  }
-  ++count_;
+  return Concat("image ", FormatStamp(output.origin().stamp_ns), ": ", share(output.points_in_camera.size()),
+                "points, ", share(not_confident), "below min_confidence, ", share(guessed),
+                "filled in where no view confirms it, ", share(without_depth), "without depth, ", share(masked),
+                "masked; ", share(at_range_end), "at an end of the depth range, ", maps.range.min, " to ",
+                maps.range.max);
 }
 
 LatencyWindow::Quantiles LatencyWindow::quantiles() const {
   if (latencies_ms_.empty()) return {};
-  std::vector<double> sorted = latencies_ms_;
+  std::vector<double> sorted(latencies_ms_.begin(), latencies_ms_.end());
   std::sort(sorted.begin(), sorted.end());
   const size_t last = sorted.size() - 1;
   return {count_, sorted[last / 2], sorted[last * 99 / 100], sorted[last]};

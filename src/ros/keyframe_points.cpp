@@ -69,10 +69,10 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframePointsHead& head,
 
 acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, const std::string& mapper,
                                                  bool replaces) {
-  const KeyframeOrigin& origin = output.origin;
+  const KeyframeOrigin& origin = output.origin();
   KeyframePointsHead head;
   const KeyframeDepth& maps = *output.maps;
-  head.key = {mapper, output.run, static_cast<uint64_t>(maps.frame->id)};
+  head.key = {mapper, output.frame().run, static_cast<uint64_t>(maps.frame->id)};
   head.pose = {origin.stamp_ns,   origin.world_from_cam, origin.path,
                origin.path_frame, origin.frame_id(),     maps.frame->camera};
   if (maps.refined_camera) {
@@ -82,7 +82,7 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, c
   head.world_frame = origin.world_frame;
   acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, output.points_in_camera);
   message->replaces = replaces;
-  if (!replaces && output.jpeg) FillImage(*output.jpeg, message.get());
+  if (!replaces && output.frame().jpeg) FillImage(*output.frame().jpeg, message.get());
   return message;
 }
 

@@ -6,9 +6,9 @@
 #include <iterator>
 #include <utility>
 
-#include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <sensor_msgs/PointCloud2.h>
+#include <tf2_eigen/tf2_eigen.h>
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
@@ -98,13 +98,9 @@ void MapOutput::PublishNothing() {
 
 void MapOutput::EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header) {
   if (origin.isZero(0)) return;
-  geometry_msgs::TransformStamped transform;
+  geometry_msgs::TransformStamped transform = tf2::eigenToTransform(Eigen::Isometry3d(Eigen::Translation3d(origin)));
   transform.header = *header;
   transform.child_frame_id = header->frame_id += kLocalFrameSuffix;
-  transform.transform.translation.x = origin.x();
-  transform.transform.translation.y = origin.y();
-  transform.transform.translation.z = origin.z();
-  transform.transform.rotation.w = 1;
   if (!local_frame_) local_frame_ = std::make_unique<tf2_ros::StaticTransformBroadcaster>();
   local_frame_->sendTransform(transform);
 }

@@ -217,22 +217,23 @@ class MapServerNodelet : public NodeletBase {
   }
 
   void CountMessage(const std::string& mapper, const acmp_mapping::KeyframePoints& message) {
-    const uint64_t count = message.count;
-    if (counts_.size() >= kMaxMappers && counts_.count(mapper) == 0) {
-      throw InvalidInputError(
-          Concat("has come from ", kMaxMappers, " other mappers already, which is the limit; reset forgets them"));
+    uint64_t lost = 0;
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      if (mappers_.size() >= kMaxMappers && mappers_.count(mapper) == 0) {
+        throw InvalidInputError(
+            Concat("has come from ", kMaxMappers, " other mappers already, which is the limit; reset forgets them"));
+      }
+      MapperTraffic& traffic = mappers_[mapper];
+      // A mapper that was started again counts from the beginning.
+      if (traffic.received > 0 && message.count > traffic.count) lost = message.count - traffic.count - 1;
+      traffic.count = message.count;
+      ++traffic.received;
+      traffic.lost += lost;
+      traffic.last_received_s = SteadySeconds();
+      traffic.images_under_way = message.images_under_way;
     }
-    const auto [last, is_new] = counts_.try_emplace(mapper, count);
-    // A mapper that was started again counts from the beginning.
-    const uint64_t lost = !is_new && count > last->second ? count - last->second - 1 : 0;
-    last->second = count;
     if (lost > 0) Report({"keyframes_lost", Concat(lost, " messages of ", mapper, " were lost on the way")});
-    std::lock_guard<std::mutex> lock(mutex_);
-    MapperTraffic& traffic = mappers_[mapper];
-    ++traffic.received;
-    traffic.lost += lost;
-    traffic.last_received_s = SteadySeconds();
-    traffic.images_under_way = message.images_under_way;
   }
 
   void CheckFrame(const std::string& whose, const std::string& world_frame) {
@@ -315,7 +316,6 @@ class MapServerNodelet : public NodeletBase {
     world_frame_.clear();
     path_frame_.clear();
     newest_stamp_ns_ = 0;
-    counts_.clear();
     std::lock_guard<std::mutex> lock(mutex_);
     mappers_.clear();
   }
@@ -344,10 +344,9 @@ class MapServerNodelet : public NodeletBase {
   std::map<std::string, MapperTraffic> mappers_;
 
   // Used by the input thread alone.
-  std::map<std::string, uint64_t> counts_;  ///< of each mapper's last message
-  std::string world_frame_;                 ///< of the first keyframe, or of the session that an empty map began with
-  std::string path_frame_;                  ///< of the last keyframe
-  int64_t newest_stamp_ns_ = 0;             ///< of the last keyframe
+  std::string world_frame_;      ///< of the first keyframe, or of the session that an empty map began with
+  std::string path_frame_;       ///< of the last keyframe
+  int64_t newest_stamp_ns_ = 0;  ///< of the last keyframe
 
   ros::Subscriber keyframes_;
   ros::Subscriber optimized_path_;

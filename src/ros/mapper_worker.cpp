@@ -170,12 +170,10 @@ void MapperWorker::Run() {
       },
       report);
   while (auto item = queue_.Pop()) {
-    if (const auto* command = std::get_if<Command>(&*item)) {
-      CallGuarded(*command, report);
-    } else if (const auto* overtaken = std::get_if<Overtaken<KeyframeInput>>(&*item)) {
-      ProcessOrDrop(overtaken->input, &MapperWorker::ProcessOvertaken);
+    if (item->input) {
+      ProcessOrDrop(*item->input, item->overtaken ? &MapperWorker::ProcessOvertaken : &MapperWorker::Process);
     } else {
-      ProcessOrDrop(std::get<KeyframeInput>(*item), &MapperWorker::Process);
+      CallGuarded(item->command, report);
     }
   }
   // The device's memory goes in a thread that has used it.

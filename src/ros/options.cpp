@@ -4,9 +4,10 @@
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
-#include <map>
 #include <sstream>
 #include <vector>
+
+#include <dynamic_reconfigure/config_tools.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/output_file.h"
@@ -17,6 +18,7 @@
 namespace acmp {
 namespace {
 
+using dynamic_reconfigure::ConfigTools;
 using XmlRpc::XmlRpcValue;
 using Child = PoseSemantics::Child;
 
@@ -376,17 +378,13 @@ void SetDependentOptions(RuntimeOptions* options) {
 /// A configuration of value(option) for each option that may change.
 DenseMapperConfig MakeConfig(RuntimeOptions options, const std::function<OptionValue(const Option&)>& value) {
   dynamic_reconfigure::Config message;
-  const auto append = [](const std::string& name, auto number, auto* list) {
-    list->emplace_back();
-    list->back().name = name;
-    list->back().value = number;
-  };
   for (const Option& option : OptionsOf(&options)) {
     if (!option.while_running) continue;
     const OptionValue of_option = value(option);
-    if (const bool* flag = std::get_if<bool>(&of_option)) append(option.name, *flag, &message.bools);
-    if (const int* integer = std::get_if<int>(&of_option)) append(option.name, *integer, &message.ints);
-    if (const double* number = std::get_if<double>(&of_option)) append(option.name, *number, &message.doubles);
+    if (const bool* flag = std::get_if<bool>(&of_option)) ConfigTools::appendParameter(message, option.name, *flag);
+    if (const int* integer = std::get_if<int>(&of_option)) ConfigTools::appendParameter(message, option.name, *integer);
+    if (const double* number = std::get_if<double>(&of_option))
+      ConfigTools::appendParameter(message, option.name, *number);
   }
   DenseMapperConfig config = DenseMapperConfig::__getDefault__();
   config.__fromMessage__(message);
@@ -468,15 +466,15 @@ DenseMapperConfig ToConfig(const RuntimeOptions& options) {
 RuntimeOptions FromConfig(const DenseMapperConfig& config, const RuntimeOptions& current) {
   dynamic_reconfigure::Config message;
   config.__toMessage__(message);
-  std::map<std::string, OptionValue> values;
-  for (const auto& flag : message.bools) values[flag.name] = static_cast<bool>(flag.value);
-  for (const auto& integer : message.ints) values[integer.name] = static_cast<int>(integer.value);
-  for (const auto& number : message.doubles) values[number.name] = static_cast<double>(number.value);
   RuntimeOptions options = current;
   for (const Option& option : OptionsOf(&options)) {
     if (!option.while_running) continue;
-    CheckOption(option, values.at(option.name));
-    option.set(values.at(option.name));
+    OptionValue value = option.get();
+    if (bool* flag = std::get_if<bool>(&value)) ConfigTools::getParameter(message, option.name, *flag);
+    if (int* integer = std::get_if<int>(&value)) ConfigTools::getParameter(message, option.name, *integer);
+    if (double* number = std::get_if<double>(&value)) ConfigTools::getParameter(message, option.name, *number);
+    CheckOption(option, value);
+    option.set(value);
   }
   SetDependentOptions(&options);
   Validate(options.mapper);

@@ -37,7 +37,7 @@ const KeyframeOrigin& KeyframeOriginOf(const Frame& frame) { return static_cast<
 double LatencyMs(const KeyframeOrigin& origin) { return (SteadySeconds() - origin.arrival_s) * 1e3; }
 
 std_msgs::Header CameraHeader(const KeyframeOutput& output) {
-  return MakeHeader(output.origin.stamp_ns, output.origin.frame_id());
+  return MakeHeader(output.origin().stamp_ns, output.origin().frame_id());
 }
 
 // What is published of a keyframe.
@@ -91,11 +91,11 @@ sensor_msgs::ImagePtr ConfidenceImageOf(const KeyframeOutput& output) {
 PointCloud PointsAtReceivedPose(const KeyframeOutput& output) {
   const KeyframeDepth& maps = *output.maps;
   PointCloud points = output.points_in_camera;
-  if (!maps.refined_camera && output.origin.face.empty()) return points;
+  if (!maps.refined_camera && output.origin().face.empty()) return points;
   RigidTransform received_from_matched = RigidTransform::Identity();
   if (maps.refined_camera) received_from_matched = maps.frame->cam_from_world * maps.cam_from_world.inverse();
   const Eigen::Isometry3f received_from_refined =
-      (RigidTransform(output.origin.lens_from_face) * received_from_matched).cast<float>();
+      (RigidTransform(output.origin().lens_from_face) * received_from_matched).cast<float>();
   for (SurfacePoint& point : points) {
     const Eigen::Vector3f position =
         received_from_refined * Eigen::Vector3f(point.position.x, point.position.y, point.position.z);
@@ -207,8 +207,8 @@ void OutputPublisher::Publish(const KeyframeDepthPtr& maps, const PublishOutput&
 void OutputPublisher::HandleFast(const KeyframeDepthPtr& maps) {
   if (KeyframeOriginOf(*maps->frame).face.empty()) reading_check_.Add(*maps->frame);
   Publish(maps, [this](const KeyframeOutput& output) {
-    if (output.origin.face.empty()) PublishPose(output);
-    const ImageTopics& topics = TopicsOf(output.origin);
+    if (output.origin().face.empty()) PublishPose(output);
+    const ImageTopics& topics = TopicsOf(output.origin());
     if (topics.depth_fast.getNumSubscribers() > 0) {
       topics.depth_fast.publish(DepthImageOf(output), CameraInfoOf(output));
     }
@@ -254,9 +254,9 @@ void OutputPublisher::HandleDrop(const KeyframeDrop& drop) {
 }
 
 void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
-  for (const auto& publish : TopicsOf(output.origin).publish_refined) publish(output);
+  for (const auto& publish : TopicsOf(output.origin()).publish_refined) publish(output);
   if (points_.getNumSubscribers() > 0) {
-    const std_msgs::Header header = MakeHeader(output.origin.stamp_ns, output.origin.camera_frame);
+    const std_msgs::Header header = MakeHeader(output.origin().stamp_ns, output.origin().camera_frame);
     points_.publish(ToCloudMessage(PointsAtReceivedPose(output), header));
   }
   PublishKeyframeDepth(output);
@@ -279,8 +279,8 @@ void OutputPublisher::PublishKeyframePoints(const KeyframeOutput& output, bool r
 void OutputPublisher::PublishPose(const KeyframeOutput& output) {
   if (pose_.getNumSubscribers() == 0) return;
   auto pose = boost::make_shared<geometry_msgs::PoseStamped>();
-  pose->header = MakeHeader(output.origin.stamp_ns, output.origin.world_frame);
-  pose->pose = tf2::toMsg(output.origin.world_from_cam);
+  pose->header = MakeHeader(output.origin().stamp_ns, output.origin().world_frame);
+  pose->pose = tf2::toMsg(output.origin().world_from_cam);
   pose_.publish(pose);
 }
 
@@ -288,8 +288,8 @@ void OutputPublisher::PublishKeyframeDepth(const KeyframeOutput& output) {
   if (keyframe_depth_.getNumSubscribers() == 0) return;
   const KeyframeDepth& maps = *output.maps;
   auto message = boost::make_shared<acmp_mapping::KeyframeDepth>();
-  message->header = MakeHeader(output.origin.stamp_ns, output.origin.world_frame);
-  message->pose = tf2::toMsg(output.origin.world_from_cam);
+  message->header = MakeHeader(output.origin().stamp_ns, output.origin().world_frame);
+  message->pose = tf2::toMsg(output.origin().world_from_cam);
   message->refined_pose = tf2::toMsg(maps.cam_from_world.inverse());
   constexpr float kNotMeasured = std::numeric_limits<float>::quiet_NaN();
   message->epipolar_residual = maps.pose_fit.matches > 0 ? static_cast<float>(maps.pose_fit.median_px) : kNotMeasured;

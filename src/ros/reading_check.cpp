@@ -33,12 +33,6 @@ constexpr double kDegree = M_PI / 180;
 /// Errors of good poses and matches, px.
 double NearLine(double focal_length) { return std::clamp(0.006 * focal_length, 1.5, 3.0); }
 
-Eigen::Matrix3d CrossProduct(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d matrix;
-  matrix << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return matrix;
-}
-
 /// Poses of the child, if they are of this direction.
 std::pair<RigidTransform, RigidTransform> ChildPoses(const PoseSemantics& configured, const MatchedImages& pair,
                                                      Direction direction) {
@@ -67,10 +61,11 @@ void ForEachDistance(const PoseSemantics& configured, const std::vector<MatchedI
   for (const MatchedImages& pair : pairs) {
     const auto [one, other] = ChildPoses(configured, pair, reading.semantics.direction);
     const RigidTransform other_from_one = (other * child_from_cam).inverse() * (one * child_from_cam);
-    const Eigen::Matrix3d essential = CrossProduct(other_from_one.translation()) * other_from_one.linear();
+    const Eigen::Vector3d shift = other_from_one.translation();
     const double unit = NearLine(pair.focal_length) / pair.focal_length;
     for (size_t i = 0; i < pair.rays.size(); ++i) {
-      const Eigen::Vector3d line = essential * pair.rays[i], back = essential.transpose() * pair.other_rays[i];
+      const Eigen::Vector3d line = shift.cross(other_from_one.linear() * pair.rays[i]);
+      const Eigen::Vector3d back = other_from_one.linear().transpose() * pair.other_rays[i].cross(shift);
       const double norm = std::sqrt(line.head<2>().squaredNorm() + back.head<2>().squaredNorm());
       const bool before = AreBeforeBoth(other_from_one, pair.rays[i], pair.other_rays[i], unit);
       function(norm > 0 && before ? std::abs(pair.other_rays[i].dot(line)) / (norm * unit) : HUGE_VAL);

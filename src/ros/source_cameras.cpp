@@ -41,13 +41,6 @@ std::optional<RigidTransform> SourceFromCameraInfos(const sensor_msgs::CameraInf
   return from_rectified * source_from_cam * to_rectified;
 }
 
-std::vector<std::string> SplitByComma(const std::string& text) {
-  std::vector<std::string> parts;
-  std::istringstream stream(text);
-  for (std::string part; std::getline(stream, part, ',');) parts.push_back(part);
-  return parts;
-}
-
 }  // namespace
 
 bool SaysTheSame(const sensor_msgs::CameraInfo& a, sensor_msgs::CameraInfo b) {
@@ -68,7 +61,9 @@ CalibrationPtr CheckedCalibration(const sensor_msgs::CameraInfo& info, const Nod
 
 SourceCameras::SourceCameras(const NodeOptions& options, TransformLookup lookup)
     : options_(options), lookup_(std::move(lookup)), cameras_(static_cast<size_t>(options.matcher.source_cameras)) {
-  const std::vector<std::string> files = SplitByComma(options_.source_calibration_file);
+  std::vector<std::string> files;
+  std::istringstream names(options_.source_calibration_file);
+  for (std::string name; std::getline(names, name, ',');) files.push_back(name);
   if (!files.empty() && files.size() != cameras_.size()) {
     throw InvalidInputError(Concat("parameter ~source_calibration_file = \"", options_.source_calibration_file,
                                    "\": ", files.size(),

@@ -16,12 +16,6 @@ namespace {
 constexpr uint32_t kTfQueue = 100;
 constexpr double kCacheS = 30;  ///< images wait for their pose, so the newest transform may be far ahead of them
 
-RigidTransform ToRigidTransform(const geometry_msgs::TransformStamped& message) {
-  RigidTransform transform = RigidTransform::Identity();
-  transform.matrix() = tf2::transformToEigen(message).matrix();
-  return transform;
-}
-
 }  // namespace
 
 TfLookup::TfLookup(ros::NodeHandle nh, bool only_static, std::function<void(const std::string&)> report)
@@ -57,14 +51,15 @@ TransformSource TransformsOf(const tf2::BufferCore* buffer) {
     try {
       ros::Time stamp;
       stamp.fromNSec(static_cast<uint64_t>(stamp_ns));
-      return PoseSample{stamp_ns, world, ToRigidTransform(buffer->lookupTransform(world, child, stamp)), child};
+      return PoseSample{stamp_ns, world,
+                        RigidTransform(tf2::transformToEigen(buffer->lookupTransform(world, child, stamp))), child};
     } catch (const std::exception& error) {  // of tf2, or of ros::Time for stamps at the end of its range
       return Concat("tf has no \"", child, "\" in \"", world, "\" then: ", error.what());
     }
   };
   source.find_latest = [buffer](const std::string& target, const std::string& frame) -> std::optional<RigidTransform> {
     try {
-      return ToRigidTransform(buffer->lookupTransform(target, frame, ros::Time(0)));
+      return RigidTransform(tf2::transformToEigen(buffer->lookupTransform(target, frame, ros::Time(0))));
     } catch (const std::exception&) {
       return std::nullopt;
     }

@@ -40,8 +40,7 @@ struct Keyframe {
   sensor_msgs::PointCloud2 cloud;
 };
 
-/// A camera that moves along x and looks along z at points on a wall 4 units
-/// away, all in view.
+/// A camera that moves along x and looks along z at points on a wall 4 units away, all in view.
 Keyframe MakeKeyframe(int index) {
   const PinholeCamera camera{32, 24, 30, 30, 15.5, 11.5};
   std_msgs::Header header;
@@ -61,42 +60,58 @@ Keyframe MakeKeyframe(int index) {
   return keyframe;
 }
 
+nav_msgs::Odometry OdometryOf(const Keyframe& keyframe, const std::string& child_frame = "") {
+  nav_msgs::Odometry odometry;
+  odometry.header = keyframe.pose.header;
+  odometry.child_frame_id = child_frame;
+  odometry.pose.pose = keyframe.pose.pose;
+  return odometry;
+}
+
 class CheckBagTest : public TestFolder {
  protected:
-  using Change = std::function<void(int index, Keyframe &)>;
+  using Change = std::function<void(int index, Keyframe&)>;
+  using Write = std::function<void(int index, const Keyframe&, rosbag::Bag*)>;
 
-  /// Writes a healthy bag but for `change` and checks it.
-  BagReport Check(const Change &change, const BagCheckOptions &options = {}) {
-    rosbag::Bag bag(Path(), rosbag::bagmode::Write);
-    for (int i = 0; i < kKeyframes; ++i) {
-      Keyframe keyframe = MakeKeyframe(i);
-      change(i, keyframe);
-      const ros::Time receive(1000 + i, 5000000);
-      bag.write("/image", receive, keyframe.image);
-      bag.write("/info", receive, keyframe.info);
-      bag.write("/pose", receive, keyframe.pose);
-      bag.write("/points", receive, keyframe.cloud);
+  /// Checks a bag to which `write` writes each keyframe, received at its stamp.
+  BagReport CheckWritten(const Write& write, const BagCheckOptions& options = {}) const {
+    {
+      rosbag::Bag bag(Path(), rosbag::bagmode::Write);
+      for (int i = 0; i < kKeyframes; ++i) write(i, MakeKeyframe(i), &bag);
     }
-    bag.close();
     return CheckBag(Path(), options);
+  }
+
+  /// Checks a healthy bag but for `change`, and for what `add` adds.
+  BagReport Check(const Change& change = {}, const BagCheckOptions& options = {}, const Write& add = {}) const {
+    const auto write = [&](int i, Keyframe keyframe, rosbag::Bag* bag) {
+      if (add) add(i, keyframe, bag);
+      if (change) change(i, keyframe);
+      const ros::Time receive(1000 + i, 5000000);
+      bag->write("/image", receive, keyframe.image);
+      bag->write("/info", receive, keyframe.info);
+      bag->write("/pose", receive, keyframe.pose);
+      bag->write("/points", receive, keyframe.cloud);
+    };
+    return CheckWritten(write, options);
   }
 
   std::string Path() const { return (folder() / "test.bag").string(); }
 };
 
-std::vector<std::string> Messages(const BagReport &report, Severity severity) {
+std::vector<std::string> Messages(const BagReport& report, Severity severity) {
   std::vector<std::string> messages;
-  for (const Finding &finding : report.findings) {
+  for (const Finding& finding : report.findings) {
     if (finding.severity == severity) messages.push_back(finding.message);
   }
   return messages;
 }
 
-std::vector<std::string> Errors(const BagReport &report) { return Messages(report, Severity::kError); }
-std::vector<std::string> Warnings(const BagReport &report) { return Messages(report, Severity::kWarning); }
+std::vector<std::string> Errors(const BagReport& report) { return Messages(report, Severity::kError); }
+std::vector<std::string> Warnings(const BagReport& report) { return Messages(report, Severity::kWarning); }
 
 TEST_F(CheckBagTest, AHealthyBagHasNothingToReport) {
-  const BagReport report = Check([](int, Keyframe &) {});
+  const BagReport report = Check();
   EXPECT_TRUE(Errors(report).empty()) << testing::PrintToString(Errors(report));
   EXPECT_TRUE(Warnings(report).empty()) << testing::PrintToString(Warnings(report));
   EXPECT_TRUE(report.usable());
@@ -108,65 +123,65 @@ TEST_F(CheckBagTest, AHealthyBagHasNothingToReport) {
 
 TEST_F(CheckBagTest, WhatIsWrongIsNamed) {
   const auto set_stamp = [](double seconds) {
-    return [seconds](int, Keyframe &keyframe) { keyframe.pose.header.stamp += ros::Duration(seconds); };
+    return [seconds](int, Keyframe& keyframe) { keyframe.pose.header.stamp += ros::Duration(seconds); };
   };
   const struct {
     Severity severity;
     std::string words;  ///< of a finding; empty: there is none
     Change change;
   } cases[] = {
-      {Severity::kError, "K[0] = 0", [](int, Keyframe &k) { k.info.K.fill(0); }},
-      {Severity::kError, "is for 64x24 px, an image has 32x24", [](int, Keyframe &k) { k.info.width = 64; }},
+      {Severity::kError, "K[0] = 0", [](int, Keyframe& k) { k.info.K.fill(0); }},
+      {Severity::kError, "is for 64x24 px, an image has 32x24", [](int, Keyframe& k) { k.info.width = 64; }},
       {Severity::kError, "",
-       [](int, Keyframe &k) {
+       [](int, Keyframe& k) {
          k.info.width *= 2;
          k.info.height *= 2;
          k.info.binning_x = k.info.binning_y = 2;
        }},
       {Severity::kError, "distortion_model = \"fov\"",
-       [](int, Keyframe &k) {
+       [](int, Keyframe& k) {
          k.info.distortion_model = "fov";
          k.info.D[0] = 0.1;
        }},
       {Severity::kWarning, "names no distortion model",
-       [](int, Keyframe &k) {
+       [](int, Keyframe& k) {
          k.info.distortion_model = "";
          k.info.D.clear();
        }},
-      {Severity::kError, "6 of 6 cannot be used", [](int, Keyframe &k) { k.image.encoding = "32FC2"; }},
+      {Severity::kError, "6 of 6 cannot be used", [](int, Keyframe& k) { k.image.encoding = "32FC2"; }},
       {Severity::kWarning, "1 of 6 cannot be used",
-       [](int i, Keyframe &k) { k.image.data.resize(i == 2 ? 100 : 2304); }},
+       [](int i, Keyframe& k) { k.image.data.resize(i == 2 ? 100 : 2304); }},
       {Severity::kWarning, "2 of 6 cannot be used",
-       [](int i, Keyframe &k) {
+       [](int i, Keyframe& k) {
          if (i == 1) k.pose.pose.position.x = std::nan("");
          if (i > 1) k.pose.pose.orientation.w = i == 2 ? 1.002 : 1.0009;  // bound: 1e-3
        }},
       {Severity::kError, "only 2 are usable",
-       [](int i, Keyframe &k) {
+       [](int i, Keyframe& k) {
          if (i > 1) k.pose.pose.orientation.w = std::numeric_limits<double>::infinity();
        }},
-      {Severity::kError, "all at the same position", [](int, Keyframe &k) { k.pose.pose = MakeKeyframe(0).pose.pose; }},
+      {Severity::kError, "all at the same position", [](int, Keyframe& k) { k.pose.pose = MakeKeyframe(0).pose.pose; }},
       {Severity::kWarning, "", set_stamp(900e-9)},
       {Severity::kError, "the mapper takes 0 of 6 images", set_stamp(1e6)},
       {Severity::kWarning, "nearest is 1e+09 ms away", set_stamp(1e6)},
       {Severity::kWarning, "time runs backward 1 times",
-       [](int i, Keyframe &k) {
+       [](int i, Keyframe& k) {
          if (i == 3) k.image.header.stamp = ros::Time();
        }},
       {Severity::kWarning, "sparse_empty, 1 times",
-       [](int i, Keyframe &k) {
+       [](int i, Keyframe& k) {
          if (i == 1) k.cloud = ToPointCloud2({}, k.cloud.header);
        }},
-      {Severity::kError, "no field \"y\"", [](int, Keyframe &k) { k.cloud.fields[1].name = "height"; }},
-      {Severity::kWarning, "set ~sparse_frame", [](int, Keyframe &k) { k.cloud.header.frame_id = "odd"; }},
+      {Severity::kError, "no field \"y\"", [](int, Keyframe& k) { k.cloud.fields[1].name = "height"; }},
+      {Severity::kWarning, "set ~sparse_frame", [](int, Keyframe& k) { k.cloud.header.frame_id = "odd"; }},
       {Severity::kWarning,
        "lie in front of the camera and only",  // of points in the camera's frame
-       [](int i, Keyframe &k) {
+       [](int i, Keyframe& k) {
          std::vector<Eigen::Vector3d> points;
          for (int n = 0; n < 24; ++n) points.emplace_back(0.01 * i, 0.02 * i - 0.01 * n, n < 17 ? -3 - i : 3 + i);
          k.cloud = ToPointCloud2(points, k.image.header);
        }}};
-  for (const auto &wrong : cases) {
+  for (const auto& wrong : cases) {
     const std::vector<std::string> found = Messages(Check(wrong.change), wrong.severity);
     if (wrong.words.empty()) {
       EXPECT_THAT(found, testing::IsEmpty());
@@ -177,12 +192,12 @@ TEST_F(CheckBagTest, WhatIsWrongIsNamed) {
 }
 
 TEST_F(CheckBagTest, StampsOffByMillisecondsNameTheTolerance) {
-  const BagReport report = Check([](int, Keyframe &keyframe) { keyframe.pose.header.stamp += ros::Duration(0.010); });
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.pose.header.stamp += ros::Duration(0.010); });
   EXPECT_THAT(Warnings(report), Contains(HasSubstr("set ~sync_tolerance to 0.011")));
   EXPECT_TRUE(report.usable());
   BagCheckOptions wider;
   wider.mapper.matcher.sync_tolerance_s = 0.011;
-  EXPECT_THAT(Warnings(Check([](int, Keyframe &k) { k.pose.header.stamp += ros::Duration(0.010); }, wider)),
+  EXPECT_THAT(Warnings(Check([](int, Keyframe& k) { k.pose.header.stamp += ros::Duration(0.010); }, wider)),
               Not(Contains(HasSubstr("sync_tolerance"))));
 }
 
@@ -203,73 +218,54 @@ TEST_F(CheckBagTest, MissingTopics) {
 TEST_F(CheckBagTest, PosesFromTfOdometryCompressedImagesAndOldClouds) {
   const std::filesystem::path picture = folder() / "picture.png";
   WritePng(picture, ColorImage(32, 24));
-  const auto write = [&](bool with_odometry) {
-    rosbag::Bag bag(Path(), rosbag::bagmode::Write);
-    for (int i = 0; i < kKeyframes; ++i) {
-      const Keyframe keyframe = MakeKeyframe(i);
-      const ros::Time &stamp = keyframe.pose.header.stamp;
+  const std::string png = ReadText(picture);
+  const auto check = [&](bool with_odometry) {
+    return CheckWritten([&](int, const Keyframe& keyframe, rosbag::Bag* bag) {
+      const ros::Time& stamp = keyframe.pose.header.stamp;
       sensor_msgs::CompressedImage compressed;
       compressed.header = keyframe.image.header;
       compressed.format = "bgr8; jpeg compressed bgr8";
-      const std::string png = ReadText(picture);
       compressed.data.assign(png.begin(), png.end());
       sensor_msgs::PointCloud cloud;
       cloud.header = keyframe.cloud.header;
       cloud.points.resize(3);
-      for (auto &point : cloud.points) {
-        point.x = 5;
-        point.y = 3;
-        point.z = 3;
-      }
-      bag.write("/image/compressed", stamp, compressed);
-      bag.write("/info", stamp, keyframe.info);
-      bag.write("/tf", stamp, ToTf(keyframe.pose, "cam"));
-      bag.write("/cloud", stamp, cloud);
-      nav_msgs::Odometry odometry;
-      odometry.header = keyframe.pose.header;
-      odometry.pose.pose = keyframe.pose.pose;
-      if (with_odometry) bag.write("/odom", stamp, odometry);
-    }
-    bag.close();
-    return CheckBag(Path(), {});
+      for (auto& point : cloud.points) point.x = 5, point.y = 3, point.z = 3;
+      bag->write("/image/compressed", stamp, compressed);
+      bag->write("/info", stamp, keyframe.info);
+      bag->write("/tf", stamp, ToTf(keyframe.pose, "cam"));
+      bag->write("/cloud", stamp, cloud);
+      if (with_odometry) bag->write("/odom", stamp, OdometryOf(keyframe));
+    });
   };
-  const BagReport from_tf = write(false);
+  const BagReport from_tf = check(false);
   EXPECT_TRUE(Errors(from_tf).empty()) << testing::PrintToString(Errors(from_tf));
   EXPECT_THAT(from_tf.launch, HasSubstr("image:=/image image_transport:=compressed"));
   EXPECT_THAT(from_tf.launch, HasSubstr("pose_source:=tf world_frame:=map"));
   EXPECT_THAT(Messages(from_tf, Severity::kOk), Contains(HasSubstr("the mapper takes 6 of 6 images")));
-  const BagReport from_odometry = write(true);
+  const BagReport from_odometry = check(true);
   EXPECT_EQ(from_odometry.chosen.pose, "/odom");
   EXPECT_THAT(from_odometry.launch, HasSubstr("pose_source:=odom odom:=/odom sparse_points_v1:=/cloud"));
   EXPECT_TRUE(from_odometry.usable()) << testing::PrintToString(Errors(from_odometry));
 }
 
 TEST_F(CheckBagTest, ARecordingOfAnImuAndAnRgbdCamera) {
-  {
-    rosbag::Bag bag(Path(), rosbag::bagmode::Write);
-    for (int i = 0; i < kKeyframes; ++i) {
-      Keyframe keyframe = MakeKeyframe(i);
-      const ros::Time &stamp = keyframe.pose.header.stamp;
-      nav_msgs::Odometry odometry;
-      odometry.header = keyframe.pose.header;
-      odometry.child_frame_id = "imu";
-      odometry.pose.pose = keyframe.pose.pose;
-      bag.write("/vio/odometry", stamp, odometry);
-      bag.write("/camera/color/image_raw", stamp, keyframe.image);
-      for (const double late : {0.0, 0.4}) {  // more of them than colour images
-        sensor_msgs::Image depth =
-            *ToDepthMessage(DepthMap(32, 24, 1.0f), Image<unsigned char>(32, 24, 1).View(), keyframe.image.header);
-        depth.header.stamp += ros::Duration(late);
-        bag.write("/camera/depth/image", stamp, depth);
-        bag.write("/camera/depth/camera_info", stamp, keyframe.info);
-      }
-      bag.write("/camera/color/camera_info", stamp, keyframe.info);
+  const BagReport report = CheckWritten([](int i, const Keyframe& keyframe, rosbag::Bag* bag) {
+    const ros::Time& stamp = keyframe.pose.header.stamp;
+    bag->write("/vio/odometry", stamp, OdometryOf(keyframe, "imu"));
+    bag->write("/camera/color/image_raw", stamp, keyframe.image);
+    for (const double late : {0.0, 0.4}) {  // more of them than colour images
+      sensor_msgs::Image depth =
+          *ToDepthMessage(DepthMap(32, 24, 1.0f), Image<unsigned char>(32, 24, 1).View(), keyframe.image.header);
+      depth.header.stamp += ros::Duration(late);
+      bag->write("/camera/depth/image", stamp, depth);
+      bag->write("/camera/depth/camera_info", stamp, keyframe.info);
     }
-    tf2_msgs::TFMessage transforms = ToTf(MakeKeyframe(0).pose, "cam");
+    bag->write("/camera/color/camera_info", stamp, keyframe.info);
+    if (i > 0) return;
+    tf2_msgs::TFMessage transforms = ToTf(keyframe.pose, "cam");
     transforms.transforms[0].header.frame_id = "imu";
-    bag.write("/tf_static", ros::Time(1000, 0), transforms);
-  }
-  const BagReport report = CheckBag(Path(), {});
+    bag->write("/tf_static", ros::Time(1000, 0), transforms);
+  });
   EXPECT_TRUE(report.usable()) << testing::PrintToString(Errors(report));
   EXPECT_THAT(Warnings(report), Contains(AllOf(HasSubstr("\"imu\""), HasSubstr("set ~pose_child: body"))));
   EXPECT_EQ(report.launch,
@@ -284,7 +280,7 @@ TEST_F(CheckBagTest, ARecordingOfAnImuAndAnRgbdCamera) {
 /// tf_static.
 class ReadingsOfABagTest : public CheckBagTest {
  protected:
-  void Write(const PoseSemantics &truth, const std::optional<RigidTransform> &in_tf) {
+  void Write(const PoseSemantics& truth, const std::optional<RigidTransform>& in_tf) {
     SyntheticSceneOptions scene;
     scene.width = 320;
     scene.height = 240;
@@ -292,7 +288,7 @@ class ReadingsOfABagTest : public CheckBagTest {
     static const std::vector<SyntheticView> views = MakeSyntheticScene(scene);
     rosbag::Bag bag(Path(), rosbag::bagmode::Write);
     for (size_t i = 0; i < views.size(); ++i) {
-      const Frame &frame = views[i].frame;
+      const Frame& frame = views[i].frame;
       std_msgs::Header header;
       header.stamp = ros::Time(1000 + i, 0);
       header.frame_id = "cam";
@@ -340,7 +336,7 @@ TEST_F(ReadingsOfABagTest, ImagesTellHowPosesAreMeant) {
        ""},
       // Turns about one axis do not tell T_body_cam.
       {{Direction::kWorldFromCam, Child::kBody, body_from_cam}, {}, "poses of a body (~pose_child: body)", ""}};
-  for (const auto &example : cases) {
+  for (const auto& example : cases) {
     SCOPED_TRACE(Describe(example.truth) + example.finding);
     Write(example.truth, example.in_tf);
     const BagReport report = CheckBag(Path(), {});
@@ -362,17 +358,12 @@ TEST_F(ReadingsOfABagTest, ImagesTellHowPosesAreMeant) {
 }
 
 TEST_F(CheckBagTest, ASecondCameraIsASourceCameraWhenItIsAskedFor) {
-  const auto check_with = [&](double baseline, const BagCheckOptions &options) {
-    Check([](int, Keyframe &) {});
-    rosbag::Bag bag(Path(), rosbag::bagmode::Append);
-    for (int i = 0; i < kKeyframes; ++i) {
-      Keyframe keyframe = MakeKeyframe(i);
+  const auto check_with = [&](double baseline, const BagCheckOptions& options) {
+    return Check({}, options, [&](int, Keyframe keyframe, rosbag::Bag* bag) {
       keyframe.info.P[3] = -baseline * keyframe.info.P[0];
-      bag.write("/right/image", keyframe.image.header.stamp, keyframe.image);
-      bag.write("/right/camera_info", keyframe.image.header.stamp, keyframe.info);
-    }
-    bag.close();
-    return CheckBag(Path(), options);
+      bag->write("/right/image", keyframe.image.header.stamp, keyframe.image);
+      bag->write("/right/camera_info", keyframe.image.header.stamp, keyframe.info);
+    });
   };
   const std::string arguments = "stereo:=true source_image:=/right/image source_camera_info:=/right/camera_info";
   BagCheckOptions asked;
@@ -403,7 +394,7 @@ rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}
 projection_matrix: {rows: 3, cols: 4, data: [30, 0, 15.5, 0, 0, 30, 11.5, 0, 0, 0, 1, 0]}
 )")
                                         .string();
-  const BagReport report = Check([](int, Keyframe &keyframe) { keyframe.info.K.fill(0); }, options);
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.info.K.fill(0); }, options);
   EXPECT_TRUE(report.usable()) << testing::PrintToString(Errors(report));
   EXPECT_THAT(report.launch, HasSubstr("calibration_file:=" + options.mapper.calibration_file));
 }
@@ -411,58 +402,50 @@ projection_matrix: {rows: 3, cols: 4, data: [30, 0, 15.5, 0, 0, 30, 11.5, 0, 0, 
 TEST_F(CheckBagTest, AskedForTopics) {
   BagCheckOptions options;
   options.topics.image = "/camera/image";
-  EXPECT_THROW(Check([](int, Keyframe &) {}, options), InvalidInputError);
+  EXPECT_THROW(Check({}, options), InvalidInputError);
   options.topics.image = "/pose";
-  EXPECT_THROW(Check([](int, Keyframe &) {}, options), InvalidInputError);
+  EXPECT_THROW(Check({}, options), InvalidInputError);
   options.topics.image = "/image";
-  EXPECT_NO_THROW(Check([](int, Keyframe &) {}, options));
+  EXPECT_NO_THROW(Check({}, options));
 }
 
 TEST_F(CheckBagTest, SeveralTopicsOfAKind) {
-  Check([](int, Keyframe &) {});
-  {
-    rosbag::Bag bag(Path(), rosbag::bagmode::Append);
-    bag.write("/right/image", ros::Time(1001, 0), MakeKeyframe(1).image);
-  }
-  const BagReport report = CheckBag(Path(), {});
+  const BagReport report = Check({}, {}, [](int i, const Keyframe& keyframe, rosbag::Bag* bag) {
+    if (i == 1) bag->write("/right/image", ros::Time(1001, 0), keyframe.image);
+  });
   EXPECT_EQ(report.chosen.image, "/image");  // the one with more messages
   EXPECT_THAT(Warnings(report), Contains(HasSubstr("checked /image; there is also /right/image")));
 }
 
 TEST_F(CheckBagTest, Masks) {
-  const auto check_with = [&](const std::function<void(int index, sensor_msgs::Image &)> &change) {
-    Check([](int, Keyframe &) {});
-    rosbag::Bag bag(Path(), rosbag::bagmode::Append);
-    for (int i = 0; i < kKeyframes - 1; ++i) {
-      const Keyframe keyframe = MakeKeyframe(i);
+  const auto check_with = [&](const std::function<void(int index, sensor_msgs::Image&)>& change) {
+    return Check({}, {}, [&](int i, const Keyframe& keyframe, rosbag::Bag* bag) {
+      if (i == kKeyframes - 1) return;
       sensor_msgs::Image mask = ToMaskMessage(Mask(32, 24, 255), keyframe.image.header);
       change(i, mask);
-      bag.write("/detector/mask", keyframe.image.header.stamp, mask);
-    }
-    bag.close();
-    return CheckBag(Path(), {});
+      bag->write("/detector/mask", keyframe.image.header.stamp, mask);
+    });
   };
-  const BagReport good = check_with([](int, sensor_msgs::Image &) {});
+  const BagReport good = check_with([](int, sensor_msgs::Image&) {});
   EXPECT_EQ(good.chosen.image, "/image");
   EXPECT_EQ(good.chosen.mask, "/detector/mask");
   EXPECT_THAT(Warnings(good), ElementsAre(HasSubstr("mask"))) << "of the image that has none";
   EXPECT_THAT(Messages(good, Severity::kOk), Contains(HasSubstr("5 of 6 images have one")));
 
-  const BagReport wrong = check_with([](int i, sensor_msgs::Image &mask) {
+  const BagReport wrong = check_with([](int i, sensor_msgs::Image& mask) {
     if (i == 0) mask.encoding = "rgb8";
     if (i == 2) mask = ToMaskMessage(Mask(16, 12, 255), mask.header);
   });
   EXPECT_THAT(Warnings(wrong), Contains(AllOf(HasSubstr("2 of 5 cannot be used"), HasSubstr("encoding \"rgb8\""))));
 
-  const BagReport late = check_with([](int, sensor_msgs::Image &mask) { mask.header.stamp += ros::Duration(0.1); });
+  const BagReport late = check_with([](int, sensor_msgs::Image& mask) { mask.header.stamp += ros::Duration(0.1); });
   EXPECT_THAT(Errors(late), ElementsAre(HasSubstr("0 of 6 images have one with their stamp")));
 }
 
 TEST_F(CheckBagTest, ABagCutOffWhileRecordingIsToBeReindexed) {
-  Check([](int, Keyframe &) {});
+  Check();
   std::string bytes = ReadText(Path());
-  // While recording, the header's index position is 0; it is the only field
-  // named so.
+  // While recording, the header's index position is 0; it is the only field named so.
   const size_t field = bytes.find("index_pos=");
   ASSERT_NE(field, std::string::npos);
   bytes.replace(field + 10, 8, std::string(8, '\0'));

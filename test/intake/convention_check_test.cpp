@@ -39,13 +39,7 @@ SparseCloud TrueCloud(int i) {
 
 /// The pose that must be sent for these semantics to give the true one.
 RigidTransform Sent(const PoseSemantics& semantics, const RigidTransform& world_from_cam) {
-  RigidTransform cam_from_child = RigidTransform::Identity();
-  if (semantics.child != Child::kCameraOptical) {
-    cam_from_child = WorldFromCamera({Direction::kWorldFromCam, semantics.child, semantics.body_from_cam},
-                                     RigidTransform::Identity())
-                         .inverse();
-  }
-  const RigidTransform world_from_child = world_from_cam * cam_from_child;
+  const RigidTransform world_from_child = world_from_cam * ChildFromCamera(semantics).inverse();
   return semantics.direction == Direction::kWorldFromCam ? world_from_child : world_from_child.inverse();
 }
 

@@ -281,6 +281,21 @@ TEST(Companions, EachStreamIsWaitedForBesideTheOthers) {
   EXPECT_THAT(second.reasons, ElementsAre("no_prior_depth"));
 }
 
+TEST(Companions, ASourceImageMayBeAsFarAsItsTolerance) {
+  InputMatcherOptions options;
+  options.source_cameras = 2;
+  Matching m(options);
+  for (const size_t camera : {0, 1}) m.matcher.set_companion_expected(kSourceStream + camera, true);
+  m.Posed(0);
+  const Picture near = m.Companion(kSourceStream, 4 * kMs);  // ~source_tolerance is 5 ms
+  m.Companion(kSourceStream + 1, -10 * kMs);
+  EXPECT_THAT(m.Take(10).stamps, IsEmpty());
+  const Taken taken = m.Take(10.5);
+  EXPECT_EQ(taken.matches.at(0).companions.at(kSourceStream), near);
+  EXPECT_THAT(taken.reasons, ElementsAre("no_source_image"));
+  EXPECT_THAT(taken.message, AllOf(HasSubstr("without source camera 2"), HasSubstr("within 5 ms")));
+}
+
 TEST(Companions, ThoseOfTheRunBeforeAreForgotten) {
   MaskedMatching m;
   for (const int64_t stamp : {int64_t{0}, kS}) {
@@ -410,34 +425,14 @@ TEST(ALoopingBag, ForgetsTheOldRunAtAJump) {
   EXPECT_THAT(m.Take().clouds, ElementsAre(-1));
 }
 
-TEST(TimeJumpTracker, TellsTheJumpOfTheImagesFromOthers) {
-  TimeJumpTracker shorter;
-  shorter.Add(10 * kS, 1);
-  EXPECT_EQ(shorter.StartRun(10 * kS - kTimeJumpNs), std::nullopt);
-  EXPECT_FALSE(shorter.is_behind()) << "it had not got so far";
-  EXPECT_FALSE(shorter.Add(11 * kS, 2));
-  EXPECT_FALSE(shorter.Add(0, 3)) << "not what the images' jump was about";
-  EXPECT_EQ(shorter.StartRun(0), 3u) << "but the next one";
-
-  TimeJumpTracker late;
-  late.Add(10 * kS, 1);
-  late.StartRun(0);
-  late.Add(3 * kS, 2);  // the images are there by now; the run ends before 10 s
-  late.Add(4 * kS, 3);
-  EXPECT_EQ(late.StartRun(0), std::nullopt) << "nothing of the third run has come";
-  EXPECT_TRUE(late.is_behind());
-
-  TimeJumpTracker out_of_order;
-  out_of_order.Add(10 * kS, 1);
-  out_of_order.Add(10 * kS - kTimeJumpNs, 2);
-  EXPECT_EQ(out_of_order.newest_ns(), 10 * kS);
-  EXPECT_EQ(out_of_order.StartRun(0), std::nullopt);
-
-  TimeJumpTracker undone;
-  undone.Add(10 * kS, 1);
-  undone.Add(3 * kS, 2);  // an old pose sent again
-  undone.Add(11 * kS, 3);
-  EXPECT_EQ(undone.StartRun(0), std::nullopt) << "all of it is of the run before";
+TEST(ALoopingBag, APoseThatIsSentAgainIsNoNewRun) {
+  Matching m;
+  for (const int64_t stamp : {10 * kS, 3 * kS, 11 * kS}) m.Pose(stamp);
+  m.Image(11 * kS);
+  m.Image(0);
+  m.Pose(4 * kS, 1);
+  m.Image(3 * kS);
+  EXPECT_THAT(m.Take().stamps, ElementsAre(11 * kS)) << "all poses but one are of the run before";
 }
 
 }  // namespace

@@ -16,7 +16,7 @@ using ::testing::HasSubstr;
 /// The mapper's parameters as they are: an empty request changes nothing.
 DenseMapperConfig CurrentConfig() {
   dynamic_reconfigure::Reconfigure call;
-  EXPECT_TRUE(ros::service::call("/dense_mapper/set_parameters", call));
+  EXPECT_TRUE(CallService("/dense_mapper/set_parameters", &call));
   DenseMapperConfig config;
   config.__fromMessage__(call.response.config);
   return config;

@@ -20,6 +20,7 @@
 #include <pcl/point_types.h>
 #include <pcl_conversions/pcl_conversions.h>
 #include <sensor_msgs/PointCloud.h>
+#include <sensor_msgs/point_cloud_conversion.h>
 #include <std_srvs/Trigger.h>
 #include <tf2_eigen/tf2_eigen.h>
 #include <tf2_msgs/TFMessage.h>
@@ -102,6 +103,13 @@ ros::Time ImageStamp(size_t view) {
   return stamp + ros::Duration(0, static_cast<int32_t>(view) * 50000000);
 }
 
+/// kKeyframes where no image has this stamp.
+size_t ViewOf(const ros::Time& stamp) {
+  size_t view = 0;
+  while (view < kKeyframes && ImageStamp(view) != stamp) ++view;
+  return view;
+}
+
 ros::Time Rounded(const ros::Time& stamp, const std::string& how) {
   if (how == "double") return ros::Time(stamp.toSec());
   if (how == "microseconds") return pcl_conversions::fromPCL(pcl_conversions::toPCL(stamp));
@@ -145,16 +153,11 @@ sensor_msgs::PointCloud2 ToPclMessage(const std::vector<Eigen::Vector3f>& points
 
 sensor_msgs::PointCloud ToPointCloudV1(const std::vector<Eigen::Vector3f>& points, const std_msgs::Header& header) {
   sensor_msgs::PointCloud cloud;
-  cloud.header = header;
-  for (const Eigen::Vector3f& point : points) {
-    geometry_msgs::Point32 position;
-    position.x = point.x();
-    position.y = point.y();
-    position.z = point.z();
-    sensor_msgs::ChannelFloat32
-        channel;  // normalised x, y, pixel u, v, id: one channel per point, against the contract
-    channel.values = {0.1f, 0.2f, 30.f, 40.f, static_cast<float>(cloud.points.size())};
-    cloud.points.push_back(position);
+  sensor_msgs::convertPointCloud2ToPointCloud(MakeCloud(points, header.frame_id, header.stamp), cloud);
+  // Normalised x, y, pixel u, v, id: one channel per point, against the contract.
+  for (const auto& point : cloud.points) {
+    sensor_msgs::ChannelFloat32 channel;
+    channel.values = {point.x, 0.2f, 30.f, 40.f, static_cast<float>(cloud.channels.size())};
     cloud.channels.push_back(channel);
   }
   return cloud;
@@ -402,15 +405,13 @@ class FrontendTest : public ::testing::TestWithParam<const char*> {
     // A flush before all have arrived would finish early ones with fewer views.
     ASSERT_TRUE(pose_.WaitForCount(kKeyframes, kTimeoutS)) << pose_.messages().size() << " keyframes";
     std_srvs::Trigger flush;
-    ASSERT_TRUE(ros::service::call("/acmp/dense_mapper/flush", flush) && flush.response.success);
+    ASSERT_TRUE(CallService("/acmp/dense_mapper/flush", &flush) && flush.response.success);
     ASSERT_TRUE(depth_.WaitForCount(kKeyframes, kTimeoutS)) << depth_.messages().size() << " depth maps";
   }
 
   void ExpectPose(const ros::Time& stamp, const geometry_msgs::Pose& pose, const RigidTransform& correction) const {
-    size_t view = 0;
-    while (view + 1 < kKeyframes && ImageStamp(view) != stamp) ++view;
     const RigidTransform received = ToTransform(pose);
-    const RigidTransform expected = correction * player_.world_from_cam().at(view);
+    const RigidTransform expected = correction * player_.world_from_cam().at(ViewOf(stamp));
     // Some products of rotations and a quaternion, all in double.
     EXPECT_LT((received.matrix() - expected.matrix()).cwiseAbs().maxCoeff(), 1e-12) << stamp;
   }
@@ -448,9 +449,7 @@ TEST_P(FrontendTest, MapsAreThoseOfThePlainMessages) {
   std::string output_frame = traits_.Text("output_frame");
   if (output_frame.empty()) output_frame = traits_.Text("image_frame");
   for (const auto& message : depth_.messages()) {
-    int64_t view = 0;
-    while (view < static_cast<int64_t>(kKeyframes) && ImageStamp(static_cast<size_t>(view)) != message->header.stamp)
-      ++view;
+    const auto view = static_cast<int64_t>(ViewOf(message->header.stamp));
     ASSERT_EQ(expected.count(view), 1u) << message->header.stamp << ": not an image's stamp";
     EXPECT_EQ(message->header.frame_id, output_frame);
     const DepthMap& depth = expected.at(view)->depth;

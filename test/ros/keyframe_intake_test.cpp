@@ -416,42 +416,14 @@ NodeOptions WithSources(int cameras) {
   return options;
 }
 
-/// A mapper's intake with source cameras.
-class Rig {
- public:
-  explicit Rig(const NodeOptions& options, const TransformLookup& lookup = {})
-      : intake(options, KeyframeGateOptions(), 0, {{}, lookup}) {
-    intake.AddCameraInfo(MakeInfo("left"));
-    intake.set_clouds_expected(false);
-    for (int i = 0; i < options.matcher.source_cameras; ++i)
-      intake.set_companion_expected(kSourceStream + static_cast<size_t>(i), true);
-  }
-
-  /// Feeds an image with its pose.
-  void AddImage(double stamp_s) {
-    PoseSample pose;
-    pose.stamp_ns = ToStampNs(ros::Time(stamp_s));
-    intake.AddPose(pose);
-    intake.AddImage(ImageAt(stamp_s, "left"));
-  }
-
-  void AddSourceImage(size_t camera, const std::shared_ptr<const EncodedImage>& image) {
-    intake.AddCompanion(kSourceStream + camera, {ToStampNs(image->header().stamp), image});
-  }
-
-  Result Take(double now_s) { return Split(intake.Take(now_s)); }
-  Result TakeAll() { return Split(intake.TakeAll()); }
-
-  KeyframeIntake intake;
-};
-
-/// The one keyframe of a rig whose source camera has this camera_info.
+/// The one keyframe of a mapper whose source camera has this camera_info.
 Result FeedPair(const NodeOptions& options, const sensor_msgs::CameraInfo& right, const TransformLookup& lookup = {}) {
-  Rig rig(options, lookup);
-  rig.intake.AddSourceCameraInfo(0, right);
-  rig.AddImage(5);
-  rig.AddSourceImage(0, ImageAt(5, right.header.frame_id));
-  Result result = rig.TakeAll();
+  KeyframeIntake intake(options, KeyframeGateOptions(), 0, {{}, lookup});
+  intake.AddCameraInfo(MakeInfo("left"));
+  EXPECT_EQ(ErrorOf([&] { intake.AddSourceCameraInfo(0, right); }) == "no error", right.K[0] > 0);
+  const auto image = ImageAt(5, right.header.frame_id);
+  intake.AddCompanion(kSourceStream, {ToStampNs(image->header().stamp), image});
+  Result result = Feed(&intake, 5, 0, nullptr, "left");
   EXPECT_THAT(result.keyframes, SizeIs(1)) << "nothing is lost";
   for (const RejectedInput& drop : result.drops) EXPECT_FALSE(drop.ends_image);
   return result;
@@ -495,57 +467,28 @@ TEST(SourceCamerasTest, TheParameterCountsMostThenPThenTf) {
   EXPECT_NEAR(CentreOf(FeedPair(options, MakeInfo("right", kPairBaseline), lookup)).x(), 0.5, 1e-12);
 }
 
-TEST(SourceCamerasTest, OneWhosePlaceNobodyTellsIsNamed) {
-  const Result unknown = FeedPair(WithSources(1), MakeInfo("right"));
-  EXPECT_THAT(unknown.keyframes[0].source_images, IsEmpty());
-  ASSERT_THAT(unknown.drops, SizeIs(1));
-  EXPECT_EQ(unknown.drops[0].reason, "source_camera_unplaced");
-  EXPECT_THAT(unknown.drops[0].message, AllOf(HasSubstr("source camera 1"), HasSubstr("no baseline"),
-                                              HasSubstr("from \"right\" to \"left\""), HasSubstr("~T_cam_source")));
+TEST(SourceCamerasTest, OneThatCannotBeUsedIsNamed) {
   const auto same_place = [](const std::string&, const std::string&) {
     return std::make_optional(RigidTransform(RigidTransform::Identity()));
   };
-  const Result zero = FeedPair(WithSources(1), MakeInfo("left"), same_place);
-  EXPECT_THAT(zero.keyframes[0].source_images, IsEmpty());
-  ASSERT_THAT(zero.drops, SizeIs(1));
-  EXPECT_THAT(zero.drops[0].message, HasSubstr("it is where the camera is"));
-}
-
-TEST(SourceCamerasTest, OneWithoutCameraInfoIsNamed) {
-  Rig rig(WithSources(1));
   sensor_msgs::CameraInfo bad = MakeInfo("right", kPairBaseline);
   bad.K[0] = 0;
-  EXPECT_THROW(rig.intake.AddSourceCameraInfo(0, bad), InvalidInputError);
-  rig.AddImage(5);
-  rig.AddSourceImage(0, ImageAt(5, "right"));
-  const Result result = rig.TakeAll();
-  ASSERT_THAT(result.keyframes, SizeIs(1));
-  ASSERT_THAT(result.drops, SizeIs(1));
-  EXPECT_EQ(result.drops[0].reason, "no_source_camera_info");
-}
-
-TEST(SourceCamerasTest, AnImageWaitsForItsOwnAndNotForever) {
-  Rig rig(WithSources(2));
-  for (const size_t camera : {0, 1}) rig.intake.AddSourceCameraInfo(camera, MakeInfo("right", kPairBaseline));
-  rig.AddImage(5);
-  rig.AddSourceImage(0, ImageAt(5.004, "right"));  // ~source_tolerance is 5 ms
-  EXPECT_THAT(rig.Take(10).keyframes, IsEmpty());
-  rig.AddSourceImage(1, ImageAt(4.99, "right"));
-  EXPECT_THAT(rig.Take(10.4).keyframes, IsEmpty());
-  const Result result = rig.Take(10.5);
-  ASSERT_THAT(result.keyframes, SizeIs(1));
-  EXPECT_THAT(result.keyframes[0].source_images, SizeIs(1));
-  ASSERT_THAT(result.drops, SizeIs(1));
-  EXPECT_EQ(result.drops[0].reason, "no_source_image");
-  EXPECT_THAT(result.drops[0].message, AllOf(HasSubstr("without source camera 2"), HasSubstr("within 5 ms")));
-  EXPECT_FALSE(result.drops[0].ends_image);
-}
-
-TEST(SourceCamerasTest, NobodyWaitsForOneThatNobodyPublishes) {
-  Rig rig(WithSources(1));
-  rig.intake.set_companion_expected(kSourceStream, false);
-  rig.AddImage(5);
-  EXPECT_THAT(rig.Take(10).keyframes, SizeIs(1));
+  const struct {
+    Result result;
+    std::string reason;
+    std::vector<std::string> words;
+  } cases[] = {
+      {FeedPair(WithSources(1), MakeInfo("right")),
+       "source_camera_unplaced",
+       {"source camera 1", "no baseline", "from \"right\" to \"left\"", "~T_cam_source"}},
+      {FeedPair(WithSources(1), MakeInfo("left"), same_place), "source_camera_unplaced", {"it is where the camera is"}},
+      {FeedPair(WithSources(1), bad), "no_source_camera_info", {"source camera 1"}}};
+  for (const auto& [result, reason, words] : cases) {
+    EXPECT_THAT(result.keyframes.at(0).source_images, IsEmpty());
+    ASSERT_THAT(result.drops, SizeIs(1)) << reason;
+    EXPECT_EQ(result.drops[0].reason, reason);
+    for (const std::string& word : words) EXPECT_THAT(result.drops[0].message, HasSubstr(word));
+  }
 }
 
 TEST(SourceCamerasTest, AFileForEachIsNeeded) {

@@ -33,8 +33,8 @@ TEST(KeyframeOutputTest, LeavesOutDepthOfLittleConfidenceAndWhatIsMasked) {
   const KeyframeOutput output = Refined(5, 0.51, {});
   EXPECT_EQ(output.keep(2, 1), 0);
   EXPECT_EQ(output.points_in_camera.size(), 5u);
-  EXPECT_EQ(output.origin.camera_frame, "camera");
-  EXPECT_EQ(output.run, 7u);
+  EXPECT_EQ(output.origin().camera_frame, "camera");
+  EXPECT_EQ(output.frame().run, 7u);
   const KeyframeOutput masked = Refined(5, 0, Mask(4, 3, 0));
   EXPECT_EQ(masked.keep(2, 1), 0);
   EXPECT_EQ(masked.points_in_camera.size(), 0u);
@@ -50,9 +50,8 @@ TEST(KeyframeOutputTest, EveryPixelIsAPointOrLacksSomething) {
   maps->cost(3, 0) = kWorstCost;
   maps->cost(0, 1) = kUnsupportedCost;
   maps->cost(1, 1) = kUnverifiedCost;
-  output.origin.stamp_ns = 6000000000;
   EXPECT_EQ(DescribePixels(output),
-            "image 6.000000000: 25 % points, 42 % below min_confidence, 17 % filled in where no view confirms it, 8 % "
+            "image 0.000000000: 25 % points, 42 % below min_confidence, 17 % filled in where no view confirms it, 8 % "
             "without "
             "depth, 8 % masked; 8 % at an end of the depth range, 1 to 8");
 }

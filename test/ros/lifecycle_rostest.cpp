@@ -28,7 +28,7 @@ bool Unload(const char* name = kName) { return UnloadNodelet(name); }
 
 std::vector<std::string> LoadedNames() {
   nodelet::NodeletList list;
-  EXPECT_TRUE(ros::service::call("/manager/list", list)) << "the manager is dead";
+  EXPECT_TRUE(CallService("/manager/list", &list)) << "the manager is dead";
   return list.response.nodelets;
 }
 
@@ -95,7 +95,7 @@ TEST_F(LifecycleTest, TheMapComesAndGoesWhileKeyframesAreMapped) {
     EXPECT_TRUE(path.WaitForCount(2, kTimeoutS)) << "no keyframes in cycle " << cycle;
     std::thread asking([cycle] {
       std_srvs::Trigger publish;
-      if (cycle % 2 == 0) ros::service::call("/map_server/publish_map", publish);
+      if (cycle % 2 == 0) CallService("/map_server/publish_map", &publish);
     });
     EXPECT_TRUE(Unload(kMapName)) << cycle;
     asking.join();
@@ -114,7 +114,7 @@ TEST_F(LifecycleTest, UnloadEndsAFlushThatWaits) {
     // Whether it is done, refused or cut off does not matter, only that it ends.
     for (int i = 0; i < 5; ++i) {
       std_srvs::Trigger flush;
-      ros::service::call("/dense_mapper/flush", flush);
+      CallService("/dense_mapper/flush", &flush);
     }
   });
   ros::WallDuration(0.5).sleep();
@@ -153,9 +153,8 @@ TEST_F(LifecycleTest, WarnsOfAnUnknownParameterAndRefusesAValueOutOfBounds) {
   EXPECT_TRUE(Unload());
 }
 
-TEST_F(LifecycleTest, OutlivesTransformsAndParametersThatRosComputesWithAndThrows) {
+TEST_F(LifecycleTest, OutlivesTransformsThatTfComputesWithAndThrows) {
   ros::param::set(std::string(kName) + "/pose_child", "body");
-  ros::param::set(std::string(kName) + "/diagnostic_period", 1e12);
   ASSERT_TRUE(Load());
   tf2_msgs::TFMessage message;
   message.transforms.resize(1);

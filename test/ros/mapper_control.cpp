@@ -37,7 +37,7 @@ bool AnyOf(const std::vector<diagnostic_msgs::DiagnosticArrayConstPtr>& arrays, 
 
 bool CallTrigger(const std::string& service, std::string* message) {
   std_srvs::Trigger trigger;
-  if (!ros::service::call(service, trigger)) return false;
+  if (!CallService(service, &trigger)) return false;
   if (message) *message = trigger.response.message;
   return trigger.response.success;
 }
@@ -65,13 +65,13 @@ bool LoadNodelet(const std::string& name, const std::string& type, const std::ma
     load.request.remap_target_args.push_back(to);
   }
   return ros::service::waitForService("/manager/load_nodelet", ros::Duration(kTimeoutS)) &&
-         ros::service::call("/manager/load_nodelet", load) && load.response.success;
+         CallService("/manager/load_nodelet", &load) && load.response.success;
 }
 
 bool UnloadNodelet(const std::string& name) {
   nodelet::NodeletUnload unload;
   unload.request.name = name;
-  return ros::service::call("/manager/unload_nodelet", unload) && unload.response.success;
+  return CallService("/manager/unload_nodelet", &unload) && unload.response.success;
 }
 
 LoadedNodelets::LoadedNodelets(const Parameters& mapper, const std::optional<Parameters>& map_server,
@@ -177,7 +177,7 @@ acmp_mapping::SaveMap::Response MapperControl::SaveMap(const std::string& path, 
   save.request.path = path;
   save.request.format = format;
   save.request.binary = binary;
-  if (!ros::service::call("/map_server/save_map", save)) save.response.message = "(no answer)";
+  if (!CallService("/map_server/save_map", &save)) save.response.message = "(no answer)";
   return save.response;
 }
 

@@ -46,24 +46,6 @@ PointCloud MakePoints(int count) {
   return points;
 }
 
-TEST(ToPointCloud, TurnsTheMessageBackWithoutAChangeAndRefusesOthers) {
-  const PointCloud points = MakePoints(3);
-  auto message = *ToCloudMessage(points, std_msgs::Header());
-  const PointCloud back = ToPointCloud(message);
-  ASSERT_EQ(back.size(), points.size());
-  for (size_t i = 0; i < points.size(); ++i) {
-    EXPECT_EQ(std::memcmp(&back[i].position, &points[i].position, sizeof(Vec3f)), 0);
-    EXPECT_EQ(std::memcmp(&back[i].normal, &points[i].normal, sizeof(Vec3f)), 0);
-    EXPECT_EQ(std::memcmp(&back[i].color, &points[i].color, sizeof(Rgb)), 0);
-    EXPECT_EQ(back[i].confidence, points[i].confidence);
-  }
-  message.data.pop_back();
-  EXPECT_THROW(ToPointCloud(message), InvalidInputError);
-  message = *ToCloudMessage(points, std_msgs::Header());
-  message.fields[3].name = "intensity";
-  EXPECT_THROW(ToPointCloud(message), InvalidInputError);
-}
-
 void ExpectSame(const PclCloud& cloud, const PointCloud& points) {
   ASSERT_EQ(cloud.size(), points.size());
   for (size_t i = 0; i < points.size(); ++i) {

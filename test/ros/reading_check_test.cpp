@@ -7,8 +7,6 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/synthetic/synthetic_scene.h"
-
 namespace acmp {
 namespace {
 
@@ -150,30 +148,6 @@ TEST(ReadingCheckTest, ThinImagesTellNothing) {
     }
     EXPECT_THAT(check.Judge({}).text, IsEmpty()) << width << " x " << height;
   }
-}
-
-TEST(ReadingCheckTest, MatchesTheLastImages) {
-  SyntheticSceneOptions options;
-  options.width = 320;
-  options.height = 240;
-  options.keyframes = 13;  // one more than it keeps
-  const std::vector<SyntheticView> views = MakeSyntheticScene(options);
-  const PoseSemantics body = {Direction::kWorldFromCam, Child::kBody, kBodyFromCam};
-  const auto describe = [&](const PoseSemantics& configured) {
-    ReadingCheck check;
-    EXPECT_THAT(check.Judge(configured).text, IsEmpty()) << "nothing was seen";
-    for (const SyntheticView& view : views) {
-      Frame frame;
-      frame.camera = view.frame.camera;
-      frame.gray = view.frame.gray.Clone();
-      frame.cam_from_world = ReadAs(configured, body, view.frame.cam_from_world.inverse()).inverse();
-      check.Add(frame);
-    }
-    return check.Judge(configured).text;
-  };
-  EXPECT_THAT(describe(body), IsEmpty());
-  EXPECT_THAT(describe({Direction::kWorldFromCam, Child::kBody, kBodyFromCam.inverse()}),
-              HasSubstr("what fits is the inverse of T_body_cam"));
 }
 
 }  // namespace

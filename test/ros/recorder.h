@@ -22,6 +22,15 @@ bool WaitUntil(const Condition& holds, double timeout_s) {
   return holds();
 }
 
+/// As ros::service::call, over a connection that is kept until the answer has been read. roscpp ends others when it has
+/// sent the answer; a caller that has just sent its request and does not read yet, since the machine is busy, then
+/// takes the call for failed (TransportTCP::socketUpdate, ros_comm issue 1976).
+template <class Service>
+bool CallService(const std::string& name, Service* service) {
+  constexpr bool kPersistent = true;
+  return ros::NodeHandle().serviceClient<Service>(name, kPersistent).call(*service);
+}
+
 /// Keeps every message of a topic. Needs a spinner in another thread.
 template <class Message>
 class Recorder {

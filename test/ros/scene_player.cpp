@@ -97,13 +97,6 @@ int CountDifferent(const sensor_msgs::Image& message, const Image<float>& map) {
   return different;
 }
 
-ScenePlayer::ScenePlayer(ros::NodeHandle nh, const std::string& image_topic, const std::string& camera_info_topic,
-                         const std::string& pose_topic, const std::string& sparse_points_topic)
-    : image(nh.advertise<sensor_msgs::Image>(image_topic, 100)),
-      camera_info(nh.advertise<sensor_msgs::CameraInfo>(camera_info_topic, 100)),
-      pose(nh.advertise<geometry_msgs::PoseStamped>(pose_topic, 100)),
-      sparse_points(nh.advertise<sensor_msgs::PointCloud2>(sparse_points_topic, 100)) {}
-
 bool ScenePlayer::WaitForMapper(double timeout_s) const {
   return WaitUntil(
       [this] {

@@ -52,12 +52,14 @@ PipelineMaps MapWithoutRos(const std::vector<ViewMessages>& messages, const std:
 /// size.
 int CountDifferent(const sensor_msgs::Image& message, const Image<float>& map);
 
-/// Publishes to a mapper's topics, by default those of one in the root namespace.
+/// Publishes to the topics of a mapper in a namespace.
 class ScenePlayer {
  public:
-  explicit ScenePlayer(ros::NodeHandle nh, const std::string& image_topic = "image",
-                       const std::string& camera_info_topic = "camera_info", const std::string& pose_topic = "pose",
-                       const std::string& sparse_points_topic = "sparse_points");
+  explicit ScenePlayer(ros::NodeHandle nh)
+      : image(nh.advertise<sensor_msgs::Image>("image", 100)),
+        camera_info(nh.advertise<sensor_msgs::CameraInfo>("camera_info", 100)),
+        pose(nh.advertise<geometry_msgs::PoseStamped>("pose", 100)),
+        sparse_points(nh.advertise<sensor_msgs::PointCloud2>("sparse_points", 100)) {}
 
   /// Blocks until the mapper has subscribed to everything; false after `timeout_s`.
   bool WaitForMapper(double timeout_s) const;

@@ -7,6 +7,7 @@
 
 #include <acmp_mapping/DenseMapperConfig.h>
 #include <dynamic_reconfigure/Reconfigure.h>
+#include <dynamic_reconfigure/config_tools.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sensor_msgs/PointCloud2.h>
@@ -21,6 +22,7 @@ namespace acmp::test::services_rostest {
 
 namespace fs = std::filesystem;
 using acmp_mapping::SaveMap;
+using dynamic_reconfigure::ConfigTools;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
@@ -40,7 +42,7 @@ class ServicesTest : public SavingTest {
   static acmp_mapping::DenseMapperConfig Reconfigure(const std::function<void(dynamic_reconfigure::Config*)>& change) {
     dynamic_reconfigure::Reconfigure call;
     change(&call.request.config);
-    EXPECT_TRUE(ros::service::call("/dense_mapper/set_parameters", call));
+    EXPECT_TRUE(CallService("/dense_mapper/set_parameters", &call));
     acmp_mapping::DenseMapperConfig config;
     config.__fromMessage__(call.response.config);
     return config;
@@ -49,14 +51,6 @@ class ServicesTest : public SavingTest {
  private:
   inline static uint32_t start_s_ = 1000;
 };
-
-template <class Parameter, class Value>
-void Append(const char* name, Value value, std::vector<Parameter>* parameters) {
-  Parameter parameter;
-  parameter.name = name;
-  parameter.value = value;
-  parameters->push_back(parameter);
-}
 
 TEST_F(ServicesTest, SaveMapWritesEveryFormatOfWhatIsThere) {
   const auto expect_header = [&](const std::string& name, const std::string& header) {
@@ -214,12 +208,12 @@ TEST_F(ServicesTest, PublishMapPublishesOnRequest) {
 TEST_F(ServicesTest, PauseDropsImagesAndSaysSo) {
   std_srvs::SetBool pause;
   pause.request.data = true;
-  ASSERT_TRUE(ros::service::call("/dense_mapper/pause", pause));
+  ASSERT_TRUE(CallService("/dense_mapper/pause", &pause));
   for (const ViewMessages& view : Scene()) mapper().player.Publish(view);
   EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: paused"}, kTimeoutS));
   EXPECT_TRUE(mapper().WaitForDiagnostic({"paused (~pause)"}, kTimeoutS));
   pause.request.data = false;
-  ASSERT_TRUE(ros::service::call("/dense_mapper/pause", pause));
+  ASSERT_TRUE(CallService("/dense_mapper/pause", &pause));
   EXPECT_EQ(mapper().Map(MakeSmallScene(kViews, 900000)), kViews);
 }
 
@@ -228,8 +222,8 @@ TEST_F(ServicesTest, ReconfigureChangesTheNextKeyframesOrNothing) {
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   const uint32_t all = mapper().SaveMap(PathOf("all.ply"), SaveMap::Request::PLY, true).points;
   const auto points_with = [&](double min_confidence) {
-    const auto config =
-        Reconfigure([=](dynamic_reconfigure::Config* c) { Append("min_confidence", min_confidence, &c->doubles); });
+    const auto config = Reconfigure(
+        [=](dynamic_reconfigure::Config* c) { ConfigTools::appendParameter(*c, "min_confidence", min_confidence); });
     EXPECT_EQ(config.min_confidence, min_confidence);
     Reset();
     EXPECT_EQ(mapper().Map(Scene()), kViews);
@@ -237,8 +231,8 @@ TEST_F(ServicesTest, ReconfigureChangesTheNextKeyframesOrNothing) {
   };
   EXPECT_LT(points_with(0.9), all);
   const auto refused = Reconfigure([](dynamic_reconfigure::Config* c) {
-    Append("max_source_views", 2000, &c->ints);
-    Append("min_confidence", 0.5, &c->doubles);
+    ConfigTools::appendParameter(*c, "max_source_views", 2000);
+    ConfigTools::appendParameter(*c, "min_confidence", 0.5);
   });
   EXPECT_EQ(refused.max_source_views, before.max_source_views);
   EXPECT_EQ(refused.min_confidence, 0.9) << "all or nothing";

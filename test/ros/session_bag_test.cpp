@@ -238,6 +238,7 @@ TEST_F(SessionBagTest, KeyframesThatCannotBeUsedAreNamed) {
   EXPECT_THAT(refusal([](auto* k) { k->camera_info.width = k->camera_info.height = 8000; }),
               AllOf(is_named, HasSubstr("8000x8000 pixels would take 3.2 GB of memory: must be at most 1")));
   EXPECT_THAT(refusal([](auto* k) { k->points.data.pop_back(); }), AllOf(is_named, HasSubstr("cloud")));
+  EXPECT_THAT(refusal([](auto* k) { k->points.fields[3].name = "intensity"; }), AllOf(is_named, HasSubstr("cloud")));
   EXPECT_THAT(refusal([](auto* k) { k->count = 5; }), AllOf(is_named, HasSubstr("count = 5")));
   EXPECT_THAT(refusal([](auto* k) { k->count = 4; }), AllOf(HasSubstr("count = 4"), HasSubstr("comes twice")));
   Rewrite([](const std::string& topic, const auto*) { return topic != "/session_voxel_size"; });

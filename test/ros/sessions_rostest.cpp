@@ -33,7 +33,7 @@ class SessionsTest : public SavingTest {
   SaveSession::Response Save(const std::string& name) const {
     SaveSession save;
     save.request.path = PathOf(name);
-    EXPECT_TRUE(ros::service::call("/map_server/save_session", save));
+    EXPECT_TRUE(CallService("/map_server/save_session", &save));
     return save.response;
   }
   LoadSession::Response Load(const std::string& name, const geometry_msgs::Transform& transform = {},
@@ -42,7 +42,7 @@ class SessionsTest : public SavingTest {
     load.request.find_transform = find_transform;
     load.request.path = PathOf(name);
     load.request.T_world_session = transform;
-    EXPECT_TRUE(ros::service::call("/map_server/load_session", load));
+    EXPECT_TRUE(CallService("/map_server/load_session", &load));
     return load.response;
   }
   static std::string BytesOf(const std::string& path) {
@@ -54,7 +54,7 @@ class SessionsTest : public SavingTest {
     acmp_mapping::SaveMap save;
     save.request.path = PathOf("map.ply");
     save.request.binary = true;
-    if (!ros::service::call("/" + server + "/save_map", save) || !save.response.success) return "";
+    if (!CallService("/" + server + "/save_map", &save) || !save.response.success) return "";
     return BytesOf(PathOf("map.ply"));
   }
 };

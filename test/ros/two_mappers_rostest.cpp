@@ -90,8 +90,8 @@ struct Session {
       return "fast maps are missing";
     }
     std_srvs::Trigger flush;
-    if (!left.Call("flush") || !ros::service::call("/right/dense_mapper/flush", flush) ||
-        !left.CallMap("publish_map") || !map.WaitForCount(1, kTimeoutS)) {
+    if (!left.Call("flush") || !CallService("/right/dense_mapper/flush", &flush) || !left.CallMap("publish_map") ||
+        !map.WaitForCount(1, kTimeoutS)) {
       return "no map";
     }
     left.diagnostics.Clear();

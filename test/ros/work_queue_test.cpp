@@ -13,7 +13,11 @@ namespace {
 
 using Queue = WorkQueue<int, std::shared_ptr<int>>;
 
-int PopInput(Queue* queue) { return std::get<0>(*queue->Pop()); }
+int PopInput(Queue* queue, bool overtaken = false) {
+  const auto item = queue->Pop();
+  EXPECT_EQ(item->overtaken, overtaken);
+  return item->input.value();
+}
 
 TEST(WorkQueue, DropTakesGroupsOfNeighboursAndKeepsTheOthersAsOvertaken) {
   Queue queue(OverloadPolicy::kDrop);
@@ -21,7 +25,7 @@ TEST(WorkQueue, DropTakesGroupsOfNeighboursAndKeepsTheOthersAsOvertaken) {
   EXPECT_EQ(queue.waiting_inputs(), kInputGroup);
   for (int i = 0; i < 4; ++i) EXPECT_EQ(PopInput(&queue), i);
   EXPECT_FALSE(queue.Push(6)) << "the next group, while the last of the first is worked on";
-  for (int i : {4, 5}) EXPECT_EQ(std::get<2>(*queue.Pop()).input, i) << "in their order";
+  for (int i : {4, 5}) EXPECT_EQ(PopInput(&queue, true), i) << "in their order";
   EXPECT_EQ(PopInput(&queue), 6);
 }
 
@@ -48,11 +52,11 @@ TEST(WorkQueue, SkipIfBusyTakesOnlyWhenIdle) {
   EXPECT_EQ(queue.waiting_inputs(), 1u) << "one waits, the other was overtaken";
   EXPECT_EQ(PopInput(&queue), 1);
   queue.Push(3);
-  for (int i : {2, 3}) EXPECT_EQ(std::get<2>(*queue.Pop()).input, i) << "one was worked on";
+  for (int i : {2, 3}) EXPECT_EQ(PopInput(&queue, true), i) << "one was worked on";
   queue.PushCommand(nullptr);
-  EXPECT_EQ(queue.Pop()->index(), 1u);
+  EXPECT_FALSE(queue.Pop()->input);
   queue.Push(4);
-  EXPECT_EQ(std::get<2>(*queue.Pop()).input, 4) << "a command is work as well";
+  EXPECT_EQ(PopInput(&queue, true), 4) << "a command is work as well";
 }
 
 TEST(WorkQueue, BlockWaitsForRoomAndAnyPolicyWhenAskedTo) {
@@ -69,38 +73,19 @@ TEST(WorkQueue, BlockWaitsForRoomAndAnyPolicyWhenAskedTo) {
   }
 }
 
-TEST(WorkQueue, CommandsKeepTheirPlaceAndAreNeverDropped) {
+TEST(WorkQueue, CommandsKeepTheirPlaceOrComeFirstAndAreNeverDropped) {
   Queue queue(OverloadPolicy::kSkipIfBusy);
+  const auto pop_command = [&queue] { return *queue.Pop()->command; };
   queue.PushCommand(std::make_shared<int>(10));
   queue.Push(1);
   queue.PushCommand(std::make_shared<int>(20));
+  queue.PushCommand(std::make_shared<int>(30), true);
   queue.Push(2);
-  EXPECT_EQ(*std::get<1>(*queue.Pop()), 10);
-  EXPECT_EQ(PopInput(&queue), 1);
-  EXPECT_EQ(*std::get<1>(*queue.Pop()), 20);
-  EXPECT_EQ(std::get<2>(*queue.Pop()).input, 2);
-}
-
-TEST(WorkQueue, UrgentCommandsComeFirst) {
-  Queue queue(OverloadPolicy::kBlock);
-  queue.Push(1);
-  queue.PushCommand(std::make_shared<int>(10));
-  queue.PushCommand(std::make_shared<int>(20), true);
-  EXPECT_EQ(*std::get<1>(*queue.Pop()), 20);
-  EXPECT_EQ(PopInput(&queue), 1);
-  queue.PushCommand(std::make_shared<int>(21), true);
-  EXPECT_EQ(*std::get<1>(*queue.Pop()), 21);
-}
-
-TEST(WorkQueue, ClearInputsLeavesCommands) {
-  Queue queue(OverloadPolicy::kSkipIfBusy);
-  queue.Push(1);
-  queue.PushCommand(std::make_shared<int>(10));
-  queue.Push(2);
-  const auto cleared = queue.ClearInputs();
-  EXPECT_EQ(cleared, (std::deque<int>{1, 2})) << "2 was overtaken";
+  EXPECT_EQ(pop_command(), 30) << "urgent";
+  EXPECT_EQ(pop_command(), 10);
+  EXPECT_EQ(queue.ClearInputs(), (std::deque<int>{1, 2})) << "2 was overtaken";
   EXPECT_EQ(queue.waiting_inputs(), 0u);
-  EXPECT_EQ(queue.Pop()->index(), 1u);
+  EXPECT_EQ(pop_command(), 20);
 }
 
 TEST(WorkQueue, StopWakesEverybodyAndDiscards) {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+#include <cstdint>
 #include <deque>
 #include <optional>
 #include <string>
@@ -8,7 +10,6 @@
 #include <vector>
 
 #include "acmp_mapping/intake/sensor_samples.h"
-#include "acmp_mapping/intake/stream_buffers.h"
 
 namespace acmp {
 
@@ -53,6 +54,73 @@ struct PoseGap {
   int64_t image_stamp_ns = 0;
   std::optional<int64_t> gap_ns;  ///< pose minus image; none when there was no pose at all
   std::string problem;            ///< what a source that is asked for poses said; else empty
+};
+
+/// Streams whose stamps go back by less brought them in the wrong order; by more, they belong to another run.
+constexpr int64_t kTimeJumpNs = 200000000;
+constexpr int64_t kSameExposureNs = 1000000;  ///< rounding of stamps stays far below, the shortest frame interval above
+
+/// What has come of one stream, in order of arrival: poses, clouds, masks, images of other cameras. When time jumps
+/// back (a bag that loops, a restarted frontend), the stamps of every stream do, but between streams there is no order:
+/// a message of the new run may come before the image that shows the jump, and one of the old run after it.
+template <class Sample>
+class StreamBuffer {
+ public:
+  struct Received {
+    int64_t stamp_ns;
+    Sample sample;
+    bool used = false;  ///< a pose belongs to one image
+  };
+
+  /// @param capacity of those that came first, more are forgotten
+  void Add(int64_t stamp_ns, Sample sample, size_t capacity) {
+    if (left_newest_ns_ && stamp_ns < *left_newest_ns_ - kTimeJumpNs) {
+      received.clear();
+      left_newest_ns_.reset();
+    } else if (left_newest_ns_) {
+      left_newest_ns_ = std::max(*left_newest_ns_, stamp_ns);
+    }
+    received.push_back({stamp_ns, std::move(sample)});
+    if (received.size() > capacity) received.pop_front();
+  }
+
+  /// Whether one of these stamps or a later one has come.
+  /// @param latest_ns holds for the first image of a run: what came late of the run before tells nothing of it
+  bool HasComeFrom(int64_t earliest_ns, int64_t latest_ns = INT64_MAX, bool is_first = false) const {
+    if (!(is_first && is_behind())) latest_ns = INT64_MAX;
+    return std::any_of(received.begin(), received.end(),
+                       [&](const Received& r) { return r.stamp_ns >= earliest_ns && r.stamp_ns <= latest_ns; });
+  }
+
+  /// The images' stamps went back, to this one. Leaves what has come since this stream's did.
+  void StartRun(int64_t first_image_ns) {
+    int64_t newest_ns = INT64_MIN / 2, before_jump_ns = newest_ns;
+    size_t first = received.size();
+    for (size_t i = 0; i < received.size(); ++i) {
+      const int64_t stamp_ns = received[i].stamp_ns;
+      if (stamp_ns < newest_ns - kTimeJumpNs) {
+        first = i;
+        before_jump_ns = std::exchange(newest_ns, stamp_ns);
+      }
+      newest_ns = std::max(newest_ns, stamp_ns);
+      // Beyond where it was without the images having gone back: a message that came late, or poses that were sent
+      // again. A short bag that loops may bring all of a stream before the first image, up to the very stamp.
+      if (newest_ns > before_jump_ns) first = received.size();
+    }
+    left_newest_ns_.reset();
+    // A stream that had not got so far goes on without a jump.
+    if (first == received.size() && newest_ns - kTimeJumpNs > first_image_ns) left_newest_ns_ = newest_ns;
+    received.erase(received.begin(), received.begin() + static_cast<std::ptrdiff_t>(first));
+  }
+
+  /// Whether the images' stamps have gone back and this stream's must and have not yet: what comes may be of the run
+  /// before. A stream that is stamped by another clock may stay so.
+  bool is_behind() const { return left_newest_ns_.has_value(); }
+
+  std::deque<Received> received;
+
+ private:
+  std::optional<int64_t> left_newest_ns_;  ///< while behind: newest stamp of the run that the images have left
 };
 
 /// Matches images, poses and sparse clouds by stamp in ring buffers of its own. Real frontends push stamps through
@@ -151,7 +219,6 @@ class InputMatcher {
   std::optional<int64_t> newest_image_ns_;
   std::optional<int64_t> last_match_ns_;
   std::optional<PoseGap> last_gap_;
-  uint64_t arrivals_ = 0;  ///< poses, clouds and companions received
 };
 
 }  // namespace acmp

@@ -117,6 +117,7 @@ struct MapperTraffic {
   uint64_t lost = 0;      ///< messages on the way
   double last_received_s = 0;
   uint64_t images_under_way = 0;  ///< not finished when it sent its last message
+  uint64_t count = 0;             ///< of that message
 };
 
 /// Everything the map server's diagnostics are made of, taken at one moment.

@@ -64,7 +64,7 @@ cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera = nullp
 /// What CheckImageSides does not refuse: 1 to 32767 px a side.
 void CheckImageSides(const std::string& name, const sensor_msgs::Image& image);
 
-bool IsBigEndianHost();
+constexpr bool kBigEndianHost = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
 
 /// A distortion model of CameraInfo.
 struct DistortionModel {

@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include <boost/circular_buffer.hpp>
+
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 
@@ -20,12 +22,12 @@ struct ReceivedFrame : Frame {
 
 /// A keyframe's maps ready to be published.
 struct KeyframeOutput {
-  KeyframeOrigin origin;
-  uint64_t run = 0;  ///< as ReceivedFrame's
-  KeyframeDepthPtr maps;
-  Image<unsigned char> keep;                ///< 1 where depth is to be published
-  PointCloud points_in_camera;              ///< of maps->cam_from_world
-  std::shared_ptr<const std::string> jpeg;  ///< as ReceivedFrame's
+  KeyframeDepthPtr maps;        ///< of a ReceivedFrame
+  Image<unsigned char> keep;    ///< 1 where depth is to be published
+  PointCloud points_in_camera;  ///< of maps->cam_from_world
+
+  const ReceivedFrame& frame() const { return static_cast<const ReceivedFrame&>(*maps->frame); }
+  const KeyframeOrigin& origin() const { return frame().origin; }
 };
 
 /// Leaves out what is masked, and depth below a confidence of 0..1.
@@ -46,11 +48,14 @@ class LatencyWindow {
     double median_ms = 0, p99_ms = 0, max_ms = 0;
   };
 
-  void Add(double latency_ms);
+  void Add(double latency_ms) {
+    latencies_ms_.push_back(latency_ms);
+    ++count_;
+  }
   Quantiles quantiles() const;
 
  private:
-  std::vector<double> latencies_ms_;  ///< a ring once it is full
+  boost::circular_buffer<double> latencies_ms_{kCapacity};
   size_t count_ = 0;
 };
 

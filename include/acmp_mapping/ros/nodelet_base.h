@@ -11,13 +11,19 @@
 
 #include "acmp_mapping/ros/callback_thread.h"
 #include "acmp_mapping/ros/incident_log.h"
-#include "acmp_mapping/ros/master_watch.h"
 #include "acmp_mapping/ros/options.h"
 
 namespace acmp {
 
-/// What dense_mapper and map_server have alike: how they start and stop, their threads, services and warnings.
+class MasterWatch;
+
+/// What dense_mapper and map_server have alike: how they start and stop, their threads, services and warnings. Where
+/// the ROS master was restarted, they register with the new one.
 class NodeletBase : public nodelet::Nodelet {
+ public:
+  NodeletBase();
+  ~NodeletBase() override;
+
  protected:
   /// Attaches everything to the threads, which run afterwards. What it throws ends the loading of the nodelet.
   virtual void Start() = 0;

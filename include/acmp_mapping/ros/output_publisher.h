@@ -49,12 +49,8 @@ class OutputPublisher {
   bool is_stopping() const { return stopping_; }
 
   OutputStatus status() const;
-  /// Of the keyframes that have had their first map, or got none.
-  ReadingVerdict JudgeReadings(const PoseSemantics& configured) { return reading_check_.Judge(configured); }
-  /// What comes is of another world.
-  void ForgetReadings() { reading_check_.Clear(); }
-  /// The last one.
-  ReadingVerdict verdict() const { return reading_check_.verdict(); }
+  /// Of the keyframes that have had their first map, or got none. To be cleared when what comes is of another world.
+  ReadingCheck& readings() { return reading_check_; }
   /// Nodes that listen to keyframe_points.
   uint32_t maps() const { return keyframe_points_.getNumSubscribers(); }
   /// Messages sent on keyframe_points.

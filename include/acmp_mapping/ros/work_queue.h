@@ -6,14 +6,13 @@
 #include <mutex>
 #include <optional>
 #include <utility>
-#include <variant>
 
 namespace acmp {
 
 /// Which inputs are worked on when they come faster than they can be.
 enum class OverloadPolicy {
-  kDrop,        ///< groups of kInputGroup inputs in a row; what comes until they have been taken up is Overtaken
-  kSkipIfBusy,  ///< an input that comes while nothing waits and nothing is worked on; the others are Overtaken
+  kDrop,        ///< groups of kInputGroup inputs in a row; what comes until they have been taken up is overtaken
+  kSkipIfBusy,  ///< an input that comes while nothing waits and nothing is worked on; the others are overtaken
   kBlock,       ///< all: the caller waits, for recordings
 };
 
@@ -22,19 +21,17 @@ constexpr size_t kBlockedInputs = 2;  ///< that wait with kBlock; more would onl
 constexpr size_t kInputGroup = 4;
 constexpr size_t kOvertakenInputs = 15;  ///< that wait at most: half of the default window, which they must not fill
 
-/// An input for which there is no time: the keyframe serves as a source view only.
-template <class Input>
-struct Overtaken {
-  Input input;
-};
-
 /// Hands inputs and commands to one worker thread in the order given, urgent commands before all else. Inputs are
 /// bounded by the policy, commands never wait for room and are never dropped. Thread-safe; all methods hold the one
 /// mutex for a moment only, and no callback runs inside.
 template <class Input, class Command>
 class WorkQueue {
  public:
-  using Item = std::variant<Input, Command, Overtaken<Input>>;
+  struct Item {
+    std::optional<Input> input;  ///< none: a command
+    Command command = {};
+    bool overtaken = false;  ///< there is no time for the input: the keyframe serves as a source view only
+  };
 
   explicit WorkQueue(OverloadPolicy policy) : policy_(policy) {}
 
@@ -47,12 +44,12 @@ class WorkQueue {
     if (takes_all) room_.wait(lock, [this] { return stopped_ || inputs_ < kBlockedInputs; });
     if (stopped_) return input;
     std::optional<Input> dropped;
-    if (takes_all || HasTime()) {
-      items_.emplace_back(std::in_place_index<0>, std::move(input));
+    const bool has_time = takes_all || HasTime();
+    items_.push_back({std::move(input), {}, !has_time});
+    if (has_time) {
       ++inputs_;
-    } else {
-      items_.emplace_back(Overtaken<Input>{std::move(input)});
-      if (++overtaken_ > kOvertakenInputs) dropped = TakeOldestOvertaken();
+    } else if (++overtaken_ > kOvertakenInputs) {
+      dropped = TakeOldestOvertaken();
     }
     lock.unlock();
     work_.notify_one();
@@ -64,7 +61,7 @@ class WorkQueue {
     {
       std::lock_guard<std::mutex> lock(mutex_);
       if (stopped_) return false;
-      items_.emplace(urgent ? items_.begin() : items_.end(), std::in_place_index<1>, std::move(command));
+      items_.insert(urgent ? items_.begin() : items_.end(), Item{std::nullopt, std::move(command)});
     }
     work_.notify_one();
     return true;
@@ -77,10 +74,10 @@ class WorkQueue {
       std::lock_guard<std::mutex> lock(mutex_);
       std::deque<Item> commands;
       for (Item& item : items_) {
-        if (item.index() == 1) {
-          commands.push_back(std::move(item));
+        if (item.input) {
+          cleared.push_back(std::move(*item.input));
         } else {
-          cleared.push_back(item.index() == 0 ? std::move(std::get<0>(item)) : std::move(std::get<2>(item).input));
+          commands.push_back(std::move(item));
         }
       }
       items_ = std::move(commands);
@@ -99,8 +96,7 @@ class WorkQueue {
     if (stopped_) return item;
     item = std::move(items_.front());
     items_.pop_front();
-    if (item->index() == 0) --inputs_;
-    if (item->index() == 2) --overtaken_;
+    if (item->input) --(item->overtaken ? overtaken_ : inputs_);
     working_ = true;
     lock.unlock();
     room_.notify_all();
@@ -134,8 +130,8 @@ class WorkQueue {
   }
 
   Input TakeOldestOvertaken() {
-    const auto oldest = std::find_if(items_.begin(), items_.end(), [](const Item& item) { return item.index() == 2; });
-    Input input = std::move(std::get<2>(*oldest).input);
+    const auto oldest = std::find_if(items_.begin(), items_.end(), [](const Item& item) { return item.overtaken; });
+    Input input = std::move(*oldest->input);
     items_.erase(oldest);
     --overtaken_;
     return input;
