@@ -2,10 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "landmark_matching.h"
-#include "pose_checks.h"
 #include "pose_scene.h"
-#include "resection.h"
 
 namespace acmp {
 namespace {
@@ -46,13 +43,10 @@ class BundleRefinementTest : public ::testing::Test {
     constexpr int kViews = 12;
     PoseErrors pose_errors(rotation_error * 180 / M_PI, position_error);
     for (int i = 0; i < kViews; ++i) {
-      bundle.cameras.push_back(camera_);
       truth_.push_back(PoseAt(kInterval * i));
-      bundle.received.push_back(ToViewPose(pose_errors.Perturbed(ToRigidTransform(truth_.back()))));
-      bundle.times.push_back(kInterval * i);
+      bundle.Add(i, kInterval * i, camera_, pose_errors.Perturbed(ToRigidTransform(truth_.back())));
     }
-    bundle.poses = bundle.expected = bundle.received;
-    bundle.motions.resize(kViews);
+    bundle.expected = bundle.received;
     for (int anchor = 0; anchor < kViews; ++anchor) {
       for (int k = 0; k < 60; ++k) {
         const ViewPose& pose = truth_[static_cast<size_t>(anchor)];

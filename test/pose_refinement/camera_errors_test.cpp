@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/pose_refinement/pose_refiner.h"
-#include "bundle_adjustment.h"
+#include "bundle.h"
 #include "pose_scene.h"
 
 namespace acmp {
@@ -32,20 +32,16 @@ class CameraErrorsTest : public ::testing::Test {
   CameraErrorsTest() {
     for (size_t i = 0; i < kLongWalk; ++i) {
       const Frame& frame = Walk()[i].frame;
-      truth_.cameras.push_back(frame.camera);
-      truth_.received.push_back(ToViewPose(frame.cam_from_world));
-      truth_.times.push_back(static_cast<double>(i));
+      truth_.Add(static_cast<int64_t>(i), static_cast<double>(i), frame.camera, frame.cam_from_world);
     }
-    truth_.poses = truth_.expected = truth_.received;
-    truth_.motions.resize(kLongWalk);
+    truth_.expected = truth_.received;
     motions_ = MotionsOf(truth_);
   }
 
   /// Where the camera sees what an ideal one sees at a pixel.
   Eigen::Vector2d Seen(size_t view, const Eigen::Vector2d& ideal, double depth) const {
-    const PixelErrors errors = PixelErrorsAt(truth_.cameras[view], ideal, truth_.poses[view], motions_[view],
-                                             truth_.cameras[view].Unproject(ideal), 1 / depth);
-    return ideal + errors.by_parameter * Eigen::Vector3d(errors_.k1, errors_.k2, errors_.readout);
+    return ideal + PixelErrorsAt(truth_, motions_, view, ideal, truth_.cameras[view].Unproject(ideal), 1 / depth) *
+                       ToVector(errors_);
   }
 
   GrayImage ImageWithErrors(size_t view) const {

@@ -1,10 +1,8 @@
-#include "patch_alignment.h"
+#include "matching.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
-
-#include "corner_detection.h"
 
 namespace acmp {
 namespace {
@@ -29,7 +27,7 @@ TEST(PatchAlignmentTest, FindsAShiftToAFractionOfAPixel) {
   const GrayPyramid image(Pattern({0, 0}).View());
   for (const Eigen::Vector2d& shift : {Eigen::Vector2d(0, 0), {0.3, -0.4}, {3.7, 2.2}, {-6.2, 4.5}}) {
     const GrayPyramid other(Pattern(shift).View());
-    const Alignment found = Align(image, kPixel, Eigen::Matrix2d::Identity(), other, kPixel, {});
+    const Alignment found = Align(image, kPixel, Eigen::Matrix2d::Identity(), other, kPixel);
     ASSERT_TRUE(found.found) << shift.transpose();
     EXPECT_LT((found.pixel - kPixel - shift).norm(), 0.05) << shift.transpose();
   }
@@ -38,11 +36,11 @@ TEST(PatchAlignmentTest, FindsAShiftToAFractionOfAPixel) {
 TEST(PatchAlignmentTest, WhatIsNotThereIsNotFound) {
   const GrayPyramid image(Pattern({0, 0}).View());
   const GrayPyramid blank(GrayImage(120, 100, 90.0f).View());
-  EXPECT_FALSE(Align(image, kPixel, Eigen::Matrix2d::Identity(), blank, kPixel, {}).found);
-  EXPECT_FALSE(Align(blank, kPixel, Eigen::Matrix2d::Identity(), image, kPixel, {}).found);
-  EXPECT_FALSE(Align(image, kPixel, Eigen::Matrix2d::Identity(), image, {-50, 50}, {}).found);
-  EXPECT_FALSE(Align(image, {1, 1}, Eigen::Matrix2d::Identity(), image, kPixel, {}).found);
-  EXPECT_FALSE(Align(image, kPixel, Eigen::Matrix2d::Zero(), image, kPixel, {}).found);
+  EXPECT_FALSE(Align(image, kPixel, Eigen::Matrix2d::Identity(), blank, kPixel).found);
+  EXPECT_FALSE(Align(blank, kPixel, Eigen::Matrix2d::Identity(), image, kPixel).found);
+  EXPECT_FALSE(Align(image, kPixel, Eigen::Matrix2d::Identity(), image, {-50, 50}).found);
+  EXPECT_FALSE(Align(image, {1, 1}, Eigen::Matrix2d::Identity(), image, kPixel).found);
+  EXPECT_FALSE(Align(image, kPixel, Eigen::Matrix2d::Zero(), image, kPixel).found);
 }
 
 TEST(CornerDetectionTest, CornersOfASquareAreFoundAndTakenCellsLeftOut) {
@@ -52,21 +50,20 @@ TEST(CornerDetectionTest, CornersOfASquareAreFoundAndTakenCellsLeftOut) {
   }
   View view;
   view.pyramid = GrayPyramid(square.View());
-  CornerOptions options;
-  options.cell = 20;
-  const Image<float> response = CornerResponse(view.pyramid.level(0));
-  const std::vector<Eigen::Vector2d> corners = PickCorners(view, response, {}, options);
+  constexpr int kCells = 30;  // of 20 px
+  const Image<float> response = CornerResponse(view);
+  const std::vector<Eigen::Vector2d> corners = PickCorners(view, response, kCells);
   ASSERT_EQ(corners.size(), 4u);
   for (const Eigen::Vector2d& corner : corners) {
     EXPECT_LT(std::abs(std::abs(corner.x() - 59.5) - 20), 3);
     EXPECT_LT(std::abs(std::abs(corner.y() - 49.5) - 20), 3);
   }
-  EXPECT_EQ(PickCorners(view, response, {corners[0]}, options).size(), 3u);
+  EXPECT_EQ(PickCorners(view, response, kCells, {corners[0]}).size(), 3u);
 
   Mask mask(120, 100, 255);
   mask(45, 35) = 0;  // near the corner at (40, 30)
   view.mask_distance = MakeMaskDistance(mask);
-  EXPECT_EQ(PickCorners(view, response, {}, options).size(), 3u);
+  EXPECT_EQ(PickCorners(view, response, kCells).size(), 3u);
 }
 
 }  // namespace

@@ -19,8 +19,7 @@ class PoseRefiner {
   /// place landmarks have no depth, and the window would forget those that have one. Throws InvalidInputError for a bad
   /// pose, camera or range, and for an id or (where there are stamps) a stamp that does not ascend.
   /// @param range where new landmarks are looked for
-  /// @param motion while the image was taken; none: from the neighbouring keyframes
-  bool Add(const Frame& frame, const DepthRange& range, const std::optional<CameraMotion>& motion = std::nullopt);
+  bool Add(const Frame& frame, const DepthRange& range);
 
   /// Forgets the oldest keyframe and the landmarks first seen there. Throws InvalidInputError where there is none.
   void RemoveOldest();
