@@ -150,7 +150,7 @@ ACMP_FUZZ_TARGET(keyframe_points) {
     DescribeTooFar(result);
   });
   fuzz::MayRefuse([&] { map.WorldCloud(); });  // also what is too far away for its voxels
-  map.Path();
+  map.Placed();
   return 0;
 }
 

@@ -1,11 +1,35 @@
 #pragma once
 
+#include <cstring>
+#include <map>
 #include <memory>
 #include <vector>
 
 #include "acmp_mapping/fusion/voxel_map.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
+
+namespace acmp {
+
+/// Poses in use of a map's keyframes, by mapper and run, each in the order of ids.
+inline std::vector<StampedPose> PathOf(const MapStore& store) {
+  std::map<KeyframeKey, StampedPose> poses;
+  for (const SessionKeyframe& k : store.Session().keyframes) poses[k.key] = {k.pose.stamp_ns, k.pose.world_from_cam};
+  std::vector<StampedPose> path;
+  for (const auto& [key, pose] : poses) path.push_back(pose);
+  return path;
+}
+
+/// All fields of all points, without padding.
+inline bool SameBytes(const PointCloud& a, const PointCloud& b) {
+  return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](const auto& p, const auto& q) {
+           return std::memcmp(&p.position, &q.position, sizeof(Vec3f)) == 0 && p.confidence == q.confidence &&
+                  std::memcmp(&p.normal, &q.normal, sizeof(Vec3f)) == 0 &&
+                  std::memcmp(&p.color, &q.color, sizeof(Rgb)) == 0;
+         });
+}
+
+}  // namespace acmp
 
 namespace acmp::test {
 

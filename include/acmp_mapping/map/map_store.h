@@ -215,9 +215,6 @@ class MapStore {
   /// The keyframes at the poses in use.
   PlacedKeyframes Placed() const;
 
-  /// Poses in use (T_world_cam) of all keyframes, by mapper and run, each in the order of ids.
-  std::vector<StampedPose> Path() const;
-
   MapStatistics statistics() const;
 
   /// Changes whenever the map does.
@@ -276,6 +273,8 @@ class MapStore {
   bool IsOfLastRun(const KeyframeKey& key) const;
   void CheckCanJoin(const MapSession& session) const;
   double VoxelSize() const { return options_.voxel_size > 0 ? options_.voxel_size : auto_voxel_size_; }
+  /// @param added not in the map yet
+  Keyframe& Insert(SessionKeyframe added, double reach);
   void StartRun(const std::string& mapper, uint64_t run);
   ReposeResult ApplyPath();
   void Evict();
