@@ -207,6 +207,18 @@ std::string WhyUnchanged(const PoseRefinement& result, const PoseRefinementOptio
 
 }  // namespace
 
+OptionList OptionsOf(PoseRefinementOptions* options) {
+  OptionList list;
+  list.Group("refinement of poses");
+  list.Choice("refine_poses", &options->refine, {"off", "on", "auto"},
+              "Whether received poses are replaced by those of a bundle adjustment over matches between the images; "
+              "auto: where matches that took no part then fit clearly better, or where an adjustment that took the "
+              "camera for an ideal one has bent received poses");
+  return list;
+}
+
+void Validate(const PoseRefinementOptions& options) { CheckRange("corners", options.corners, 50, 5000); }
+
 double TypicalDepth(const Bundle& bundle) {
   std::vector<double> inverse_depths;
   for (const Landmark& landmark : bundle.landmarks) inverse_depths.push_back(landmark.inverse_depth);
@@ -290,9 +302,9 @@ std::optional<Bundle> CompareModels(const Bundle& bundle, BundleWeights weights,
 PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<ViewPose>& refined, const RefinementState& state,
                                const PoseRefinementOptions& options, bool was_changed) {
   PoseRefinement result = Unrefined(bundle, "");
-  result.has_camera_errors = HasCameraErrors(state.comparison);
+  result.checks.has_camera_errors = HasCameraErrors(state.comparison);
   // Poses that hold the bundle hold down what state.camera takes up.
-  result.camera = result.has_camera_errors ? state.comparison.camera : state.camera;
+  result.checks.camera_errors = result.checks.has_camera_errors ? state.comparison.camera : state.camera;
   result.bent = state.bent;
   Fits before(bundle.size()), after(bundle.size());
   tbb::parallel_invoke([&] { Collect(bundle, bundle.received, &before); }, [&] { Collect(bundle, refined, &after); });

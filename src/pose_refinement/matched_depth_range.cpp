@@ -1,11 +1,10 @@
-#include "acmp_mapping/pose_refinement/matched_depth_range.h"
-
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <deque>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/pose_refinement/pose_refiner.h"
 #include "matching.h"
 
 namespace acmp {

@@ -286,8 +286,7 @@ PoseRefinement PoseRefiner::Refine() {
   PoseRefinement result = JudgeRefinement(bundle, refined, impl_->state, impl_->options, impl_->changed);
   result.checks.contradiction = MeasureContradiction(bundle, scale);
   if (impl_->stamped) result.checks.stamp_offset_s = FindStampOffset(bundle);
-  result.checks.has_camera_errors = result.has_camera_errors;
-  if (result.has_camera_errors || impl_->state.bundles >= kSureBundles) result.checks.camera_errors = result.camera;
+  if (!result.checks.has_camera_errors && impl_->state.bundles < kSureBundles) result.checks.camera_errors.reset();
   impl_->changed = result.changed;
   const Similarity received_from_refined =
       FitSimilarity(bundle.poses, bundle.received, bundle.size(), TypicalDepth(bundle), scale);

@@ -148,7 +148,7 @@ PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std
   // As the images are is how received poses see them, too: that is what they are compared by.
   PoseRefinement result = JudgeRefinement(*refined, resected, state, options, false);
   if (!result.changed) return result;
-  frees = frees && result.has_camera_errors;
+  frees = frees && result.checks.has_camera_errors;
   const std::vector<ViewPose>&found = frees ? refined->poses : resected, &received = refined->received;
   const std::vector<ViewPose> scaled =
       Moved(FitSimilarity(found, received, images.size(), TypicalDepth(*refined)), found);

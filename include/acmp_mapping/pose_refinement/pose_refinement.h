@@ -37,10 +37,7 @@ struct PoseRefinement {
   double scale = 1;
   /// Of a sliding window: which world refined poses are in. Another number: they began again from received ones.
   uint64_t world = 0;
-  PoseChecks checks;  ///< of sliding windows only
-  CameraErrors camera;
-  /// Clearly: they explain held-out matches better than any poses of a camera without errors.
-  bool has_camera_errors = false;
+  PoseChecks checks;  ///< of sliding windows; of sets of images the camera's errors alone
   /// Received poses: a bundle adjustment that took a camera with errors for one without has adjusted them.
   bool bent = false;
   int landmarks = 0;               ///< that took part
