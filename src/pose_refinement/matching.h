@@ -76,7 +76,7 @@ struct Alignment {
   double ncc = -1;                                  ///< normalised cross-correlation there
 };
 
-/// Half of a patch's side less one, px, at every level.
+/// Of a patch from its middle to its rim, px, at every level: 13 x 13 px.
 constexpr int kPatchHalfWidth = 6;
 
 /// Finds the patch around `pixel` of `image` in `other`, at most 12 px from `start`, by inverse compositional

@@ -7,8 +7,8 @@
 namespace acmp {
 namespace {
 
-constexpr int kSide = 2 * kPatchHalfWidth + 1;
-constexpr int kPixels = kSide * kSide;
+constexpr int kPatchSide = 2 * kPatchHalfWidth + 1;
+constexpr int kPatchPixels = kPatchSide * kPatchSide;
 
 /// Level of the first image whose resolution is that of the other's level `l`.
 int LevelOf(const Eigen::Matrix2d& warp, int l, int levels) {
@@ -17,10 +17,10 @@ int LevelOf(const Eigen::Matrix2d& warp, int l, int levels) {
 }
 
 struct Template {
-  int side = kSide;       ///< Eigen's sums begin where memory is aligned: without it the arrays' last bits were others
-  float values[kPixels];  ///< zero mean, unit norm
-  float dx[kPixels];      ///< gradients of these
-  float dy[kPixels];
+  int side = kPatchSide;  ///< Eigen's sums begin where memory is aligned: without it the arrays' last bits were others
+  float values[kPatchPixels];  ///< zero mean, unit norm
+  float dx[kPatchPixels];      ///< gradients of these
+  float dy[kPatchPixels];
   Eigen::Matrix2f inverse_hessian;
 };
 
@@ -50,18 +50,18 @@ bool MakeTemplate(const GrayPyramid& image, const Eigen::Vector2d& pixel, const 
       values[i] = Sample(pixels, u, v);
     }
   }
-  for (int row = 0, i = 0; row < kSide; ++row) {
-    for (int col = 0; col < kSide; ++col, ++i) {
+  for (int row = 0, i = 0; row < kPatchSide; ++row) {
+    for (int col = 0; col < kPatchSide; ++col, ++i) {
       const float* p = values + (row + 1) * side + col + 1;
       patch->values[i] = *p;
       patch->dx[i] = 0.5f * (p[1] - p[-1]);
       patch->dy[i] = 0.5f * (p[side] - p[-side]);
     }
   }
-  Values centred(patch->values, kPixels), dx(patch->dx, kPixels), dy(patch->dy, kPixels);
+  Values centred(patch->values, kPatchPixels), dx(patch->dx, kPatchPixels), dy(patch->dy, kPatchPixels);
   centred.array() -= centred.mean();
   const float squares = centred.squaredNorm();
-  if (!(squares > kPixels)) return false;  // a standard deviation of one grey value
+  if (!(squares > kPatchPixels)) return false;  // a standard deviation of one grey value
   const float inverse_norm = 1.0f / std::sqrt(squares);
   centred *= inverse_norm, dx *= inverse_norm, dy *= inverse_norm;
   const float xx = dx.squaredNorm(), xy = dx.dot(dy), yy = dy.squaredNorm();
@@ -76,20 +76,20 @@ bool MakeTemplate(const GrayPyramid& image, const Eigen::Vector2d& pixel, const 
 bool SamplePatch(const Image<uint8_t>& image, const Eigen::Vector2f& at, float* values) {
   const int left = static_cast<int>(std::floor(at.x())) - kPatchHalfWidth,
             top = static_cast<int>(std::floor(at.y())) - kPatchHalfWidth;
-  if (left < 0 || top < 0 || left + kSide >= image.width() || top + kSide >= image.height()) return false;
+  if (left < 0 || top < 0 || left + kPatchSide >= image.width() || top + kPatchSide >= image.height()) return false;
   const float a = at.x() - std::floor(at.x()), b = at.y() - std::floor(at.y());
   const float w00 = (1 - a) * (1 - b), w01 = a * (1 - b), w10 = (1 - a) * b, w11 = a * b;
-  for (int row = 0, i = 0; row < kSide; ++row) {
+  for (int row = 0, i = 0; row < kPatchSide; ++row) {
     const uint8_t* p = &image(left, top + row);
     const uint8_t* q = p + image.width();
-    for (int col = 0; col < kSide; ++col, ++i) {
+    for (int col = 0; col < kPatchSide; ++col, ++i) {
       values[i] = w00 * p[col] + w01 * p[col + 1] + w10 * q[col] + w11 * q[col + 1];
     }
   }
-  Values centred(values, kPixels);
+  Values centred(values, kPatchPixels);
   centred.array() -= centred.mean();
   const float squares = centred.squaredNorm();
-  if (!(squares > 0.25f * kPixels)) return false;
+  if (!(squares > 0.25f * kPatchPixels)) return false;
   centred *= 1.0f / std::sqrt(squares);
   return true;
 }
@@ -106,7 +106,7 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
   const Eigen::Matrix2d inverse_warp = warp.inverse();
   Eigen::Vector2d at = start;
   Template patch;
-  float values[kPixels];
+  float values[kPatchPixels];
   bool converged = false;
   for (int level = std::min(kStartLevel, other.levels() - 1); level >= 0; --level) {
     const int image_level = LevelOf(warp, level, image.levels());
@@ -115,8 +115,8 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
       continue;  // near the border the coarse levels have no room
     }
     Eigen::Vector2f p(static_cast<float>(ToLevel(at.x(), level)), static_cast<float>(ToLevel(at.y(), level)));
-    const ConstValues dx(patch.dx, kPixels), dy(patch.dy, kPixels), wanted(patch.values, kPixels);
-    const ConstValues seen(values, kPixels);
+    const ConstValues dx(patch.dx, kPatchPixels), dy(patch.dy, kPatchPixels), wanted(patch.values, kPatchPixels);
+    const ConstValues seen(values, kPatchPixels);
     bool inside = true;
     converged = false;
     for (int iteration = 0; iteration < kIterations && inside; ++iteration) {
@@ -143,7 +143,7 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
   const Eigen::Vector2f p = at.cast<float>();
   if (!SamplePatch(other.level(0), p, values)) return result;
   result.pixel = at;
-  result.ncc = ConstValues(values, kPixels).dot(ConstValues(patch.values, kPixels));
+  result.ncc = ConstValues(values, kPatchPixels).dot(ConstValues(patch.values, kPatchPixels));
   result.found = result.ncc >= kMinNcc;
   return result;
 }

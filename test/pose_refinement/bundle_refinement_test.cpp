@@ -145,10 +145,13 @@ TEST_F(BundleRefinementTest, FixedViewsPlaceTheFreeOne) {
 // A bundle adjustment that knows nothing of the camera's errors explains them by the scene. The resected poses give
 // whoever triangulates the pixels as they are better depths, at the scale that fits best.
 TEST_F(BundleRefinementTest, ResectedPosesGiveBetterDepthsThanAPlainBundleAdjustment) {
-  Bundle bundle = MakeBundle({0.04, -0.05, 0.012}, 0.003, 0.008);
+  const CameraErrors errors = {0.04, -0.05, 0.012};
+  Bundle bundle = MakeBundle(errors, 0.003, 0.008);
   Bundle plain_bundle = bundle;
   RefinementState state;
   ASSERT_TRUE(RefineBundle(3, 30, 0, &bundle, &state));
+  EXPECT_NEAR(state.camera.readout, errors.readout, 0.002);
+  EXPECT_NEAR(state.camera.k1, errors.k1, 0.02);
   BundleWeights weights = state.weights;
   weights.camera_sigma = {1e-9, 1e-9, 1e-9};
   CameraErrors none;
