@@ -98,4 +98,11 @@ MapCloud CloudOf(const PlacedKeyframes& map) {
   return cloud;
 }
 
+std::vector<StampedPose> MapStore::Path() const {
+  std::vector<StampedPose> path;
+  for (const PlacedKeyframe& keyframe : Place(TakeSnapshot()))
+    path.push_back({keyframe.stamp_ns, keyframe.world_from_cam});
+  return path;
+}
+
 }  // namespace acmp

@@ -150,7 +150,7 @@ ACMP_FUZZ_TARGET(keyframe_points) {
     DescribeTooFar(result);
   });
   fuzz::MayRefuse([&] { map.WorldCloud(); });  // also what is too far away for its voxels
-  map.Placed();
+  map.Path();
   return 0;
 }
 

@@ -6,7 +6,6 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/map/map_store.h"
-#include "map/room_keyframes.h"
 
 namespace acmp {
 namespace {
@@ -36,7 +35,7 @@ void AddKeyframes(MapStore* store, int count, int first = 0) {
 }
 
 void ExpectPath(const MapStore& store, const std::vector<RigidTransform>& expected) {
-  const std::vector<StampedPose> path = PathOf(store);
+  const std::vector<StampedPose> path = store.Path();
   ASSERT_EQ(path.size(), expected.size());
   for (size_t i = 0; i < path.size(); ++i) {
     EXPECT_TRUE(path[i].pose.isApprox(expected[i], kExact))
@@ -113,7 +112,7 @@ TEST(MapRepose, OthersMoveRigidlyWithTheNearestEarlierNamedKeyframe) {
   ExpectPath(store, expected);
   // One that comes later, too; the next path replaces corrections and does not add to them.
   Add(&store, 6, 6 * kSecond, Pose(6, 0));
-  EXPECT_TRUE(PathOf(store).back().pose.isApprox(Pose(0, 23, quarter), kExact));
+  EXPECT_TRUE(store.Path().back().pose.isApprox(Pose(0, 23, quarter), kExact));
   store.Repose({{3 * kSecond, Pose(3, 1)}});
   ExpectPath(store, {Pose(0, 10), Pose(1, 10), Pose(2, 10), Pose(3, 1), Pose(4, 1), Pose(5, 1), Pose(6, 1)});
 }
@@ -176,7 +175,7 @@ TEST(MapRepose, APathOfAnotherScaleScalesThePoints) {
     EXPECT_EQ(store.version(), version);
     // Keyframes that come later, or are not named, go on at the scale of the one before.
     AddKeyframes(&store, 2, 40);
-    EXPECT_TRUE(PathOf(store).back().pose.isApprox(Pose(path.back().pose.translation().x() + 2 * scale, 7), kExact));
+    EXPECT_TRUE(store.Path().back().pose.isApprox(Pose(path.back().pose.translation().x() + 2 * scale, 7), kExact));
   }
 }
 

@@ -70,7 +70,7 @@ TEST(MapSession, AnEmptyMapBecomesWhatTheOtherWas) {
     MapStore loaded({10, voxel_size});
     loaded.Join(session, RigidTransform::Identity());
     EXPECT_TRUE(SameBytes(loaded.WorldCloud().points, store.WorldCloud().points));
-    ExpectSamePath(PathOf(loaded), PathOf(store));
+    ExpectSamePath(loaded.Path(), store.Path());
     EXPECT_EQ(loaded.statistics().points, store.statistics().points);
     EXPECT_EQ(loaded.statistics().voxel_size, kSessionVoxel);
     EXPECT_GT(loaded.version(), 0u);
@@ -85,7 +85,7 @@ TEST(MapSession, MappingGoesOnAndLoopClosuresCorrectTheLastRuns) {
   loaded.Repose({{0, Shifted(60)}});
   loaded.Clear();  // neither its path nor its runs concern what is loaded
   loaded.Join(store.Session(), RigidTransform::Identity());
-  ExpectSamePath(PathOf(loaded), PathOf(store));
+  ExpectSamePath(loaded.Path(), store.Path());
   for (MapStore* map : {&store, &loaded}) {
     EXPECT_EQ(map->Repose({{0, Shifted(1, 9)}, {kSecond, Shifted(3.2, 9)}}).moved.size(), 3u) << "not the earlier run";
     Add(map, {"a", 2, 2}, 4);
@@ -93,7 +93,7 @@ TEST(MapSession, MappingGoesOnAndLoopClosuresCorrectTheLastRuns) {
     // Until this a/2/2 lies in the two maps as it was received, moved by what its neighbours were moved by.
     map->Repose({{0, Shifted(1, 9)}, {kSecond, Shifted(3.2, 9)}, {2 * kSecond, Shifted(5, 9)}});
   }
-  const auto expected = PathOf(store), path = PathOf(loaded);
+  const auto expected = store.Path(), path = loaded.Path();
   ASSERT_EQ(path.size(), 6u);
   for (size_t i = 0; i < 6; ++i) {  // rounding: corrections start from what was saved, not from what was received
     EXPECT_TRUE(path[i].pose.isApprox(expected[i].pose, 1e-12)) << i;
@@ -132,14 +132,14 @@ TEST(MapSession, ASecondOneIsPutWhereItIsTold) {
   Add(&second, {"b", 1, 0}, 2);
   const RigidTransform world_from_session = Shifted(10, -4);
   first.Join(second.Session(), world_from_session);
-  const auto path = PathOf(first);
+  const auto path = first.Path();
   ASSERT_EQ(path.size(), 3u);
   EXPECT_EQ(path[1].pose.matrix(), (world_from_session * Shifted(1)).matrix());
   EXPECT_EQ(path[2].pose.matrix(), (world_from_session * Shifted(2)).matrix());
   EXPECT_EQ(first.Repose({{0, Shifted(0, 1)}}).moved, std::vector<size_t>{0}) << "of another frontend's start";
-  EXPECT_EQ(PathOf(first)[1].pose.matrix(), path[1].pose.matrix());
+  EXPECT_EQ(first.Path()[1].pose.matrix(), path[1].pose.matrix());
   Add(&first, {"a", 1, 1}, 3);
-  EXPECT_EQ(PathOf(first)[1].pose.translation().y(), PathOf(first)[0].pose.translation().y())
+  EXPECT_EQ(first.Path()[1].pose.translation().y(), first.Path()[0].pose.translation().y())
       << "the run of before goes on, and its path holds";
   // It stays so when all is saved and loaded, whichever keyframes came last.
   MapStore both({10, kSessionVoxel});
@@ -151,10 +151,10 @@ TEST(MapSession, ASecondOneIsPutWhereItIsTold) {
       }(),
       RigidTransform::Identity());
   both.Join(first.Session(), RigidTransform::Identity());
-  ExpectSamePath(PathOf(both), PathOf(first));
+  ExpectSamePath(both.Path(), first.Path());
   EXPECT_EQ(both.Repose({{0, Shifted(0, 2)}, {kSecond, Shifted(3, 2)}}).moved.size(), 2u);
-  EXPECT_EQ(PathOf(both)[0].pose.translation().y(), 2);
-  EXPECT_EQ(PathOf(both)[2].pose.matrix(), PathOf(first)[2].pose.matrix());
+  EXPECT_EQ(both.Path()[0].pose.translation().y(), 2);
+  EXPECT_EQ(both.Path()[2].pose.matrix(), first.Path()[2].pose.matrix());
 }
 
 TEST(MapSession, StaysWhenAMapperStartsAnew) {

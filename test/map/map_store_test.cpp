@@ -148,7 +148,7 @@ TEST(MapStore, EvictsWhatIsFartherThanTheRadiusFromTheNewest) {
   EXPECT_EQ(statistics.evicted_by_radius, 2u);
   EXPECT_EQ(statistics.evicted, 0u) << "counted apart";
   EXPECT_EQ(statistics.points, 3u);
-  EXPECT_EQ(PathOf(store).size(), 3u);
+  EXPECT_EQ(store.Path().size(), 3u);
   // Back where it came from: order does not count, distance does.
   Add(&store, 5, Shifted(5), PlaneAt(1, 1, 0.1f));
   EXPECT_EQ(store.statistics().keyframes, 3u) << "at 20, 30 and 5";
@@ -229,8 +229,7 @@ TEST(MapStore, IsTheSameFarFromTheOrigin) {
     };
     EXPECT_LT((mean(cloud) - offset - mean(expected)).norm(), 1e-3);
     for (const auto& p : cloud.points) ASSERT_NEAR(cloud.origin.z() + p.position.z - offset.z(), 2, 1e-3);
-    EXPECT_EQ(PathOf(store)[1].pose.translation(), Shifted(0.3).translation() + offset)
-        << "the path stays in the world";
+    EXPECT_EQ(store.Path()[1].pose.translation(), Shifted(0.3).translation() + offset) << "the path stays in the world";
   }
 }
 
@@ -246,7 +245,7 @@ TEST(MapStore, ALoopClosureMayMoveItFarAway) {
   Add(&store, 1, Shifted(1), points);
   const MapCloud cloud = store.WorldCloud();
   EXPECT_EQ(cloud.points.size(), 12u) << "two rows of three are the same";
-  EXPECT_LT((PathOf(store)[1].pose.translation() - offset - Eigen::Vector3d(1, 0, 0)).norm(), 1e-6);
+  EXPECT_LT((store.Path()[1].pose.translation() - offset - Eigen::Vector3d(1, 0, 0)).norm(), 1e-6);
 }
 
 TEST(MapStore, AKeyframeThatIsRefusedDoesNotChooseTheVoxelSize) {

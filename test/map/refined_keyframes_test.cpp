@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/map/map_store.h"
-#include "map/room_keyframes.h"
 
 namespace acmp {
 namespace {
@@ -100,7 +99,7 @@ TEST(RefinedKeyframes, TakeTheirNewPlaceWithBetterPoints) {
   EXPECT_NEAR(points[3].z() - points[2].z(), 0.1, 0.01);
   better.refined.reset();
   ASSERT_TRUE(store.Replace(KeyOf(3), better, PointOf(3)));
-  EXPECT_TRUE(PathOf(store)[3].pose.isApprox(Received(3)));
+  EXPECT_TRUE(store.Path()[3].pose.isApprox(Received(3)));
 }
 
 TEST(RefinedKeyframes, ComeBackFromASessionAsTheyWere) {

@@ -1,7 +1,7 @@
 #pragma once
 
+#include <algorithm>
 #include <cstring>
-#include <map>
 #include <memory>
 #include <vector>
 
@@ -10,15 +10,6 @@
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 
 namespace acmp {
-
-/// Poses in use of a map's keyframes, by mapper and run, each in the order of ids.
-inline std::vector<StampedPose> PathOf(const MapStore& store) {
-  std::map<KeyframeKey, StampedPose> poses;
-  for (const SessionKeyframe& k : store.Session().keyframes) poses[k.key] = {k.pose.stamp_ns, k.pose.world_from_cam};
-  std::vector<StampedPose> path;
-  for (const auto& [key, pose] : poses) path.push_back(pose);
-  return path;
-}
 
 /// All fields of all points, without padding.
 inline bool SameBytes(const PointCloud& a, const PointCloud& b) {

@@ -215,6 +215,9 @@ class MapStore {
   /// The keyframes at the poses in use.
   PlacedKeyframes Placed() const;
 
+  /// Poses in use (T_world_cam) of all keyframes, by mapper and run, each in the order of ids.
+  std::vector<StampedPose> Path() const;
+
   MapStatistics statistics() const;
 
   /// Changes whenever the map does.
