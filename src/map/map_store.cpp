@@ -48,15 +48,6 @@ void CheckDistance(const RigidTransform& world_from_cam, double reach, const Eig
   check((position - origin).norm() + reach, "the map's first keyframe", kMaxMapVoxels);
 }
 
-CorrectedPose MakePose(const KeyframePose& pose, double reach) {
-  CorrectedPose made;
-  made.stamp_ns = pose.stamp_ns;
-  made.path = pose.path;
-  made.reach = reach;
-  made.received = made.world_from_cam = pose.received();
-  return made;
-}
-
 std::string NameOf(const KeyframeKey& key) {
   return Concat("keyframe ", key.id, " of \"", key.mapper, "\", run ", key.run);
 }
@@ -113,15 +104,7 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
   CheckDistance(pose.world_from_cam, thinned.reach, Origin(thinned.voxel_size, pose.world_from_cam),
                 thinned.voxel_size);
   auto_voxel_size_ = thinned.voxel_size;  // not before: what is refused tells nothing about the scene
-  Keyframe keyframe;
-  keyframe.arrival = keyframe.points_arrival = arrivals_++;
-  keyframe.pose = MakePose(pose, thinned.reach);
-  keyframe.as_sent = pose;
-  statistics_.points += thinned.points->size();
-  keyframe.later_views.resize(thinned.points->size());
-  keyframe.points_in_camera = std::move(thinned.points);
-  keyframe.image = std::move(image);
-  keyframes_.insert_or_assign(key, std::move(keyframe));
+  Insert({key, pose, std::move(thinned.points), std::move(image)}, thinned.reach);
   ApplyPath();
   Evict();
   ThinImages();
@@ -133,6 +116,21 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
   }
   ++version_;
   return true;
+}
+
+MapStore::Keyframe& MapStore::Insert(SessionKeyframe added, double reach) {
+  Keyframe& keyframe = keyframes_[added.key];
+  keyframe.arrival = keyframe.points_arrival = arrivals_++;
+  keyframe.pose.stamp_ns = added.pose.stamp_ns;
+  keyframe.pose.path = added.pose.path;
+  keyframe.pose.reach = reach;
+  keyframe.pose.received = keyframe.pose.world_from_cam = added.pose.received();
+  keyframe.as_sent = std::move(added.pose);
+  statistics_.points += added.points_in_camera->size();
+  keyframe.later_views.resize(added.points_in_camera->size());
+  keyframe.points_in_camera = std::move(added.points_in_camera);
+  keyframe.image = std::move(added.image);
+  return keyframe;
 }
 
 void MapStore::StartRun(const std::string& mapper, uint64_t run) {
@@ -305,7 +303,7 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
       origin = Origin(voxel_size, world_from_session * session.keyframes.front().pose.world_from_cam);
     }
   }
-  std::vector<std::pair<KeyframeKey, Keyframe>> joined;
+  std::vector<double> reaches;
   for (SessionKeyframe& keyframe : session.keyframes) {
     try {
       keyframe.pose.world_from_cam = world_from_session * keyframe.pose.world_from_cam;
@@ -316,16 +314,8 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
         auto thinned = std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(voxel_size)));
         keyframe.points_in_camera = std::move(thinned);
       }
-      const double reach = ReachOf(*keyframe.points_in_camera);
-      CheckDistance(keyframe.pose.world_from_cam, reach, origin, voxel_size);
-      Keyframe placed;
-      placed.pose = MakePose(keyframe.pose, reach);
-      placed.as_sent = keyframe.pose;
-      placed.joined = true;
-      placed.later_views.resize(keyframe.points_in_camera->size());
-      placed.points_in_camera = std::move(keyframe.points_in_camera);
-      placed.image = std::move(keyframe.image);
-      joined.emplace_back(keyframe.key, std::move(placed));
+      reaches.push_back(ReachOf(*keyframe.points_in_camera));
+      CheckDistance(keyframe.pose.world_from_cam, reaches.back(), origin, voxel_size);
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(NameOf(keyframe.key), ": ", error.what()));
     }
@@ -337,12 +327,10 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
     runs_.clear();
   }
   if (options_.voxel_size == 0) auto_voxel_size_ = voxel_size;
-  for (size_t i = 0; i < joined.size(); ++i) {
-    auto& [key, keyframe] = joined[i];
-    if (begins_anew && i >= session.earlier) runs_.insert_or_assign(key.mapper, key.run);
-    keyframe.arrival = keyframe.points_arrival = arrivals_++;
-    statistics_.points += keyframe.points_in_camera->size();
-    keyframes_.insert_or_assign(key, std::move(keyframe));
+  for (size_t i = 0; i < reaches.size(); ++i) {
+    SessionKeyframe& keyframe = session.keyframes[i];
+    if (begins_anew && i >= session.earlier) runs_.insert_or_assign(keyframe.key.mapper, keyframe.key.run);
+    Insert(std::move(keyframe), reaches[i]).joined = true;
   }
   ThinImages();
   ++version_;

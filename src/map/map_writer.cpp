@@ -66,23 +66,17 @@ void WriteAsciiPcd(const fs::path& path, const MapCloud& map) {
   file.Commit();
 }
 
-/// Piece by piece: PCL's writer would need the whole map twice more in memory, and takes 4 GB at most.
+/// Point by point: PCL's writer would need the whole map twice more in memory, and takes 4 GB at most.
 void WriteBinaryPcd(const fs::path& path, const MapCloud& map) {
   AtomicFile file(path, Durability::kPowerCut);
   file.Write(PcdHeader(map, "F F F F F F F F", "binary"));
-  constexpr size_t kPiece = 4096, kFloatPosition = 3 * sizeof(float), kDoublePosition = 3 * sizeof(double);
-  constexpr size_t kRest = kPackedPointBytes - kFloatPosition;
-  std::vector<uint8_t> bytes(kPiece * kPackedPointBytes), wide(IsWide(map) ? kDoublePosition + kRest : 0);
-  for (size_t i = 0; i < map.points.size(); i += kPiece) {
-    const size_t count = std::min(kPiece, map.points.size() - i);
-    PackPoints(map.points.data() + i, count, bytes.data());
-    if (!IsWide(map)) file.Write(bytes.data(), count * kPackedPointBytes);
-    for (size_t k = 0; IsWide(map) && k < count; ++k) {
-      const Eigen::Vector3d position = InWorld(map.origin, map.points[i + k].position);
-      std::memcpy(wide.data(), position.data(), kDoublePosition);
-      std::memcpy(wide.data() + kDoublePosition, bytes.data() + k * kPackedPointBytes + kFloatPosition, kRest);
-      file.Write(wide.data(), wide.size());
-    }
+  constexpr size_t kFloatPosition = 3 * sizeof(float);
+  uint8_t packed[kPackedPointBytes];
+  for (const SurfacePoint& p : map.points) {
+    PackPoints(&p, 1, packed);
+    const Eigen::Vector3d position = InWorld(map.origin, p.position);
+    IsWide(map) ? file.Write(position.data(), 3 * sizeof(double)) : file.Write(packed, kFloatPosition);
+    file.Write(packed + kFloatPosition, kPackedPointBytes - kFloatPosition);
   }
   file.Commit();
 }

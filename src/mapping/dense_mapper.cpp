@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "acmp_mapping/common/stop_request.h"
-#include "acmp_mapping/pose_refinement/matched_depth_range.h"
 #include "keyframe_estimator.h"
 #include "keyframe_window.h"
 #include "mapper_outputs.h"
@@ -146,7 +145,7 @@ struct DenseMapper::Impl {
       TakeTurns(TurnsOfStream(options));
     });
     if (!stop->requested() || is_admitted) return;
-    for (const FramePtr& frame : usable.keyframes) DropForReset(frame, nullptr);
+    for (const FramePtr& frame : usable.keyframes) outputs.SubmitDrop(frame, ForgottenByReset(*frame), nullptr);
   }
 
   void Flush() {
@@ -157,6 +156,8 @@ struct DenseMapper::Impl {
     });
     outputs.WaitForAll();
   }
+
+  // The schedule.
 
   /// While received poses contradict the images nothing is refined.
   void TakeTurns(const Turns& turns) {
@@ -169,21 +170,6 @@ struct DenseMapper::Impl {
       Refine(keyframe);
     }
     TakeSteps(DueAgain(turns));
-  }
-
-  /// What leaves is finished first, with the views there are.
-  void ShrinkWindow(int size) {
-    while (window.size() > static_cast<size_t>(size)) {
-      for (const WindowKeyframePtr& keyframe : window.oldest()) EndIfUnfinished(keyframe, options.min_source_views);
-      window.PopOldest();
-    }
-  }
-
-  void EndIfUnfinished(const WindowKeyframePtr& keyframe, int min_source_views) {
-    if (keyframe->state == State::kPending) DropForMissingViews(keyframe, min_source_views);
-    if (keyframe->state != State::kInitialised) return;
-    if (!contradicted) return Refine(keyframe);
-    Drop(keyframe, {"poses_contradict", Concat("keyframe ", keyframe->frame->id, ": ", DescribeContradiction())});
   }
 
   void Initialise(const WindowKeyframePtr& keyframe, int min_source_views) {
@@ -223,8 +209,6 @@ struct DenseMapper::Impl {
   /// All steps after the first, side by side.
   void TakeSteps(std::vector<KeyframeSteps> members) {
     const bool is_alone = members.size() == 1;
-    std::vector<WindowKeyframePtr> sharing;
-    sharing.reserve(members.size());
     const auto for_each = [&](const auto& work) {
       std::vector<KeyframeSteps> going_on;
       for (KeyframeSteps& member : members) {
@@ -234,7 +218,6 @@ struct DenseMapper::Impl {
       if (is_alone) return;  // an estimate that nobody else holds gives the next one its memory
       for (const KeyframeSteps& member : members) member.keyframe->shared = member.problem.reference.estimate;
     };
-    for (const KeyframeSteps& member : members) sharing.push_back(member.keyframe);
     for_each([&](KeyframeSteps* member) {
       if (NeedsNewInitial(*member->keyframe, member->sources)) estimator.Initialise(member);
       BringUpToDate(*member);
@@ -245,9 +228,10 @@ struct DenseMapper::Impl {
     }
     for_each([&](KeyframeSteps* member) {
       estimator.Finish(member);
-      Submit(*member);
+      const bool again = std::exchange(member->keyframe->state, State::kFinished) == State::kFinished;
+      outputs.SubmitRefined(*member, options.pipeline.fusion, again);
     });
-    for (const WindowKeyframePtr& keyframe : sharing) keyframe->shared.reset();
+    for (const WindowKeyframePtr& keyframe : window.Images()) keyframe->shared.reset();
   }
 
   /// Makes initial estimates that the keyframe's passes read: those of its companions, and anew those of others if
@@ -266,11 +250,6 @@ struct DenseMapper::Impl {
       if (failure) ReportFailedAgain(*source, *failure);
       if (!source->is_mapped) steps.keyframe->times += std::exchange(source->times, {});
     }
-  }
-
-  void Submit(KeyframeSteps steps) {
-    const bool again = std::exchange(steps.keyframe->state, State::kFinished) == State::kFinished;
-    outputs.SubmitRefined(std::move(steps), options.pipeline.fusion, again);
   }
 
   /// Does something for a keyframe. Where it fails nobody else is concerned: a keyframe that has had its refined maps
@@ -294,13 +273,25 @@ struct DenseMapper::Impl {
     outputs.SubmitDrop(keyframe->frame, failure, keyframe);
   }
 
-  /// @param keyframe as MapperOutputs::SubmitDrop's
-  void DropForReset(const FramePtr& frame, const WindowKeyframePtr& keyframe) {
-    outputs.SubmitDrop(frame, {kReset, DescribeReset(*frame)}, keyframe);
-  }
-
   void DropForMissingViews(const WindowKeyframePtr& keyframe, int min_source_views) {
     Drop(keyframe, {"no_source_views", window.DescribeMissingViews(*keyframe, min_source_views)});
+  }
+
+  // What comes and goes.
+
+  /// What leaves is finished first, with the views there are.
+  void ShrinkWindow(int size) {
+    while (window.size() > static_cast<size_t>(size)) {
+      for (const WindowKeyframePtr& keyframe : window.oldest()) EndIfUnfinished(keyframe, options.min_source_views);
+      window.PopOldest();
+    }
+  }
+
+  void EndIfUnfinished(const WindowKeyframePtr& keyframe, int min_source_views) {
+    if (keyframe->state == State::kPending) DropForMissingViews(keyframe, min_source_views);
+    if (keyframe->state != State::kInitialised) return;
+    if (!contradicted) return Refine(keyframe);
+    Drop(keyframe, {"poses_contradict", Concat("keyframe ", keyframe->frame->id, ": ", DescribeContradiction())});
   }
 
   /// @param capture usable, not empty
@@ -393,6 +384,8 @@ struct DenseMapper::Impl {
                   " are usable and in view");
   }
 
+  // What received poses are worth.
+
   /// Where refinement fails poses stay as they are, and that is told.
   template <class Work>
   void RefinePoses(int64_t id, const Work& work) {
@@ -475,8 +468,7 @@ void DenseMapper::Reset() {
   impl_->contradicted = false;
   for (const WindowKeyframePtr& keyframe : forgotten.Images()) {
     if (keyframe->state == WindowKeyframe::State::kFinished) continue;
-    keyframe->state = WindowKeyframe::State::kFinished;
-    impl_->DropForReset(keyframe->frame, keyframe);
+    impl_->Drop(keyframe, ForgottenByReset(*keyframe->frame));
   }
   impl_->outputs.WaitForAll();
 }

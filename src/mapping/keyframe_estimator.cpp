@@ -27,22 +27,16 @@ std::vector<MatchedView> MatchedViews(const EngineProblem& problem, const Source
   return views;
 }
 
-/// A view of the reference's own capture, with the depth that was matched for it.
-struct InstantView {
-  EngineView view;
-  DepthMap depth;  ///< of its size; 0: unknown
-};
-
 constexpr double kConfirmed_px = 1, kContradicted_px = 2;
 constexpr double kMinShare = 0.5;  ///< of the pixels around, itself one of them
 
-/// A view's cameras as matrices, for many pixels.
-struct InstantPair {
-  InstantPair(const EngineView& of_reference, const InstantView& of_view)
+/// A view of the reference's own capture, with the depth that was matched for it.
+struct InstantView {
+  InstantView(const EngineView& of_reference, const EngineView& of_view, DepthMap of_its_pixels)
       : reference(of_reference.frame->camera),
-        view(of_view.view.frame->camera),
-        depth(of_view.depth),
-        to_view(of_view.view.cam_from_world() * of_reference.cam_from_world().inverse()),
+        view(of_view.frame->camera),
+        depth(std::move(of_its_pixels)),
+        to_view(of_view.cam_from_world() * of_reference.cam_from_world().inverse()),
         back(to_view.inverse()) {}
 
   /// Forward-backward error of a depth, px; none where the view does not see the point or knows no depth there.
@@ -60,7 +54,7 @@ struct InstantPair {
   }
 
   const PinholeCamera &reference, &view;
-  const DepthMap& depth;
+  DepthMap depth;  ///< 0: unknown
   RigidTransform to_view, back;
 };
 
@@ -68,23 +62,19 @@ struct InstantPair {
 /// of them alike. Its own capture shows it where it is. Pixels are taken for moved where a view of their own capture
 /// confirms the depth that was matched with such views alone (forward-backward error below 1 px) and contradicts the
 /// other one (above 2 px). Most around must be so: things are larger than what matching smears along outlines.
-/// @param reference without estimate
 /// @param matched depth by all source views; 0: unknown
 /// @param instant the same by the views of its own capture
 /// @return of the reference's size: 1 where `instant` is to be taken
-Image<unsigned char> FindMovedPixels(const EngineView& reference, const std::vector<InstantView>& views,
-                                     const DepthMap& matched, const DepthMap& instant) {
+Image<unsigned char> FindMovedPixels(const std::vector<InstantView>& views, const DepthMap& matched,
+                                     const DepthMap& instant) {
   const int width = matched.width(), height = matched.height();
-  std::vector<InstantPair> pairs;
-  pairs.reserve(views.size());
-  for (const InstantView& view : views) pairs.emplace_back(reference, view);
   Image<unsigned char> differs(width, height, 0);
   ForEachPixel(width, height, [&](int col, int row) {
     const double all = matched(col, row), own = instant(col, row);
     if (!(all > 0 && own > 0)) return;
     const Eigen::Vector2d pixel(col, row);
-    differs(col, row) = std::any_of(pairs.begin(), pairs.end(), [&](const InstantPair& pair) {
-      const std::optional<double> of_own = pair.Error(pixel, own), of_all = pair.Error(pixel, all);
+    differs(col, row) = std::any_of(views.begin(), views.end(), [&](const InstantView& view) {
+      const std::optional<double> of_own = view.Error(pixel, own), of_all = view.Error(pixel, all);
       return of_own && of_all && (*of_own < kConfirmed_px) && (*of_all > kContradicted_px);
     });
   });
@@ -171,10 +161,10 @@ void KeyframeEstimator::KeepInstant(KeyframeSteps* steps) {
   std::vector<InstantView> views;
   for (size_t i = 0; i < own.sources.size(); ++i) {
     const EngineEstimatePtr& estimate = sources.keyframes[i]->EstimateForPasses();
-    if (estimate) views.push_back({own.sources[i], engine_->DownloadDepth(estimate)});
+    if (estimate) views.emplace_back(own.reference, own.sources[i], engine_->DownloadDepth(estimate));
   }
   const Image<unsigned char> moved =
-      FindMovedPixels(own.reference, views, engine_->DownloadDepth(matched), engine_->DownloadDepth(instant));
+      FindMovedPixels(views, engine_->DownloadDepth(matched), engine_->DownloadDepth(instant));
   if (std::none_of(moved.begin(), moved.end(), [](unsigned char m) { return m != 0; })) return;
   EstimateState state = engine_->DownloadState(matched);
   const EstimateState of_instant = engine_->DownloadState(instant);

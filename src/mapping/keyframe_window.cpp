@@ -22,10 +22,6 @@ bool AreAtOnePlace(const Frame& a, const Frame& b, double depth) {
 /// through the window and one at a flush, so that little is worth the work: 1.1 and 1.25 cost the same in a stream.
 constexpr double kBetterScore = 1.1;
 
-bool IsInImage(const Eigen::Vector2d& pixel, const PinholeCamera& camera) {
-  return pixel.x() > -0.5 && pixel.y() > -0.5 && pixel.x() < camera.width - 0.5 && pixel.y() < camera.height - 0.5;
-}
-
 /// px, mean of nine points of the keyframe's image over the views that are still there.
 double MeanShift(const WindowKeyframe& keyframe, const std::vector<MatchedView>& views) {
   const PinholeCamera& camera = keyframe.frame->camera;
@@ -45,7 +41,7 @@ double MeanShift(const WindowKeyframe& keyframe, const std::vector<MatchedView>&
       if (!(then.z() > 0 && now.z() > 0)) continue;
       const Eigen::Vector2d pixel_then = source_camera.Project(then);
       // Outside of the view nothing is matched, and perspective makes pixels large.
-      if (!IsInImage(pixel_then, source_camera)) continue;
+      if (!source_camera.Contains(pixel_then)) continue;
       sum += (source_camera.Project(now) - pixel_then).norm();
       ++count;
     }

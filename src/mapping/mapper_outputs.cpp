@@ -100,10 +100,21 @@ void OutputQueue::Run() {
   }
 }
 
-std::string DescribeReset(const Frame& frame) { return Concat("keyframe ", frame.id, ": forgotten by a reset"); }
+Failure ForgottenByReset(const Frame& frame) {
+  return {"reset", Concat("keyframe ", frame.id, ": forgotten by a reset")};
+}
 
 std::string DescribeFailedAgain(int64_t id, const Failure& failure) {
   return Concat("keyframe ", id, " could not be refined again: ", failure.message);
+}
+
+MapperOutputs::MapperOutputs(DepthEngine* engine, bool has_thread, DenseMapper::Callbacks callbacks, StopRequest* stop)
+    : engine_(engine), callbacks_(std::move(callbacks)), stop_(stop), queue_(has_thread) {
+  const auto fill_empty = [](auto&... functions) {
+    ((functions = functions ? functions : [](const auto&...) {}), ...);
+  };
+  DenseMapper::Callbacks& c = callbacks_;
+  fill_empty(c.on_fast, c.on_refined, c.on_refined_again, c.on_withdrawn, c.on_drop, c.on_problem);
 }
 
 KeyframeDepthPtr MapperOutputs::MakeFast(const KeyframeSteps& steps) const {
@@ -140,11 +151,11 @@ void MapperOutputs::SubmitFast(KeyframeSteps steps) {
   queue_.Submit([this, steps = std::move(steps)] {
     KeyframeDepthPtr maps;
     if (const auto failure = CatchFailure([&] { maps = MakeFast(steps); })) {
-      return CallProblem("fast_maps_failed",
-                         Concat("keyframe ", steps.keyframe->frame->id, " has no fast maps: ", failure->message));
+      return callbacks_.on_problem(
+          "fast_maps_failed", Concat("keyframe ", steps.keyframe->frame->id, " has no fast maps: ", failure->message));
     }
     steps.keyframe->had_fast = true;
-    if (callbacks_.on_fast) callbacks_.on_fast(maps);
+    callbacks_.on_fast(maps);
   });
 }
 
@@ -155,21 +166,21 @@ void MapperOutputs::SubmitRefined(KeyframeSteps steps, const FusionOptions& cons
     if (again && !keyframe->had_refined) return;  // it was dropped
     KeyframeDepthPtr maps;
     auto failure = CatchFailure([&] { stop_->RunCancellable([&] { maps = MakeRefined(steps, consistency); }); });
-    if (stop_->requested()) failure = Failure{kReset, DescribeReset(*keyframe->frame)};
+    if (stop_->requested()) failure = ForgottenByReset(*keyframe->frame);
     if (failure) {
       if (was_withdrawn) keyframe->is_withdrawn = true;
-      if (again) return CallProblem("refine_again_failed", DescribeFailedAgain(keyframe->frame->id, *failure));
-      return CallDrop({keyframe->frame, failure->reason, failure->message, keyframe->had_fast});
+      if (again)
+        return callbacks_.on_problem("refine_again_failed", DescribeFailedAgain(keyframe->frame->id, *failure));
+      return callbacks_.on_drop({keyframe->frame, failure->reason, failure->message, keyframe->had_fast});
     }
     keyframe->had_refined = true;
-    const auto& callback = again ? callbacks_.on_refined_again : callbacks_.on_refined;
-    if (callback) callback(maps);
+    (again ? callbacks_.on_refined_again : callbacks_.on_refined)(maps);
   });
 }
 
 void MapperOutputs::SubmitWithdrawal(const WindowKeyframePtr& keyframe, const std::string& message) {
   queue_.Submit([this, keyframe, message] {
-    if (!keyframe->had_refined || !callbacks_.on_withdrawn) return;
+    if (!keyframe->had_refined) return;
     auto maps = std::make_shared<KeyframeDepth>();
     maps->frame = keyframe->frame;
     maps->cam_from_world = keyframe->frame->cam_from_world;
@@ -179,20 +190,12 @@ void MapperOutputs::SubmitWithdrawal(const WindowKeyframePtr& keyframe, const st
 
 void MapperOutputs::SubmitDrop(const FramePtr& frame, const Failure& failure, const WindowKeyframePtr& keyframe) {
   queue_.Submit([this, frame, failure, keyframe] {
-    CallDrop({frame, failure.reason, failure.message, keyframe && keyframe->had_fast});
+    callbacks_.on_drop({frame, failure.reason, failure.message, keyframe && keyframe->had_fast});
   });
 }
 
 void MapperOutputs::SubmitProblem(const char* reason, const std::string& message) {
-  queue_.Submit([this, reason, message] { CallProblem(reason, message); });
-}
-
-void MapperOutputs::CallDrop(const KeyframeDrop& drop) const {
-  if (callbacks_.on_drop) callbacks_.on_drop(drop);
-}
-
-void MapperOutputs::CallProblem(const char* reason, const std::string& message) const {
-  if (callbacks_.on_problem) callbacks_.on_problem(reason, message);
+  queue_.Submit([this, reason, message] { callbacks_.on_problem(reason, message); });
 }
 
 }  // namespace acmp

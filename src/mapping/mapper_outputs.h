@@ -38,8 +38,8 @@ std::optional<Failure> CatchFailure(const Work& work) {
   }
 }
 
-constexpr char kReset[] = "reset";
-std::string DescribeReset(const Frame& frame);
+/// Of a keyframe that a reset forgets.
+Failure ForgottenByReset(const Frame& frame);
 /// For on_problem.
 std::string DescribeFailedAgain(int64_t id, const Failure& failure);
 
@@ -84,8 +84,7 @@ class MapperOutputs {
  public:
   /// @param engine makes the maps; outlives this
   /// @param stop not null, outlives this; once it is requested, refined maps are not made
-  MapperOutputs(DepthEngine* engine, bool has_thread, DenseMapper::Callbacks callbacks, StopRequest* stop)
-      : engine_(engine), callbacks_(std::move(callbacks)), stop_(stop), queue_(has_thread) {}
+  MapperOutputs(DepthEngine* engine, bool has_thread, DenseMapper::Callbacks callbacks, StopRequest* stop);
 
   /// @param steps after the first one
   void SubmitFast(KeyframeSteps steps);
@@ -104,8 +103,6 @@ class MapperOutputs {
  private:
   KeyframeDepthPtr MakeFast(const KeyframeSteps& steps) const;
   KeyframeDepthPtr MakeRefined(const KeyframeSteps& steps, const FusionOptions& consistency) const;
-  void CallDrop(const KeyframeDrop& drop) const;
-  void CallProblem(const char* reason, const std::string& message) const;
 
   DepthEngine* engine_;
   DenseMapper::Callbacks callbacks_;

@@ -75,10 +75,9 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
   }
   moved_ = newest_;
   num_standing_ = 0;
-  if (refinement->checks.contradiction) checks_.contradiction = refinement->checks.contradiction;
-  checks_.stamp_offset_s = refinement->checks.stamp_offset_s;
-  checks_.camera_errors = refinement->checks.camera_errors;
-  checks_.has_camera_errors = refinement->checks.has_camera_errors;
+  const std::optional<double> contradiction_before = checks_.contradiction;
+  checks_ = refinement->checks;
+  if (!checks_.contradiction) checks_.contradiction = contradiction_before;
   for (const WindowCapture& capture : window) {
     const WindowKeyframePtr& keyframe = capture.front();
     const int64_t id = keyframe->stands_since ? keyframe->stands_since->id : keyframe->frame->id;

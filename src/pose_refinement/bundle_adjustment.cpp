@@ -1,4 +1,4 @@
-#include "bundle_adjustment.h"
+#include "bundle.h"
 
 #include <ceres/ceres.h>
 #include <ceres/normal_prior.h>
@@ -45,6 +45,7 @@ void KeepManifolds(ceres::Problem::Options* options) {
 
 #endif
 
+using PixelErrors = Eigen::Matrix<double, 2, 3>;
 constexpr int kPoseSize = 7;  // quaternion x y z w, centre
 using PoseMap = Eigen::Map<const Eigen::Quaterniond>;
 
@@ -89,10 +90,10 @@ class SightingCost : public ceres::SizedCostFunction<2, kPoseSize, kPoseSize, 1,
       : ray_(anchor_camera.Unproject(anchor_pixel)),
         camera_(camera),
         pixel_(pixel),
-        errors_(errors.by_parameter),
+        errors_(errors),
         weight_(1 / sigma) {
-    ray_errors_.row(0) = anchor_errors.by_parameter.row(0) / anchor_camera.fx;
-    ray_errors_.row(1) = anchor_errors.by_parameter.row(1) / anchor_camera.fy;
+    ray_errors_.row(0) = anchor_errors.row(0) / anchor_camera.fx;
+    ray_errors_.row(1) = anchor_errors.row(1) / anchor_camera.fy;
     ray_errors_.row(2).setZero();
   }
 
@@ -149,7 +150,7 @@ class SightingCost : public ceres::SizedCostFunction<2, kPoseSize, kPoseSize, 1,
   Eigen::Matrix3d ray_errors_;
   const PinholeCamera camera_;
   const Eigen::Vector2d pixel_;
-  const Eigen::Matrix<double, 2, 3> errors_;
+  const PixelErrors errors_;
   const double weight_;
 };
 
@@ -225,8 +226,6 @@ std::array<double, kPoseSize> ToParameters(const ViewPose& pose) {
 ViewPose FromParameters(const std::array<double, kPoseSize>& p) {
   return {Eigen::Quaterniond(p[3], p[0], p[1], p[2]), {p[4], p[5], p[6]}};
 }
-
-Eigen::Vector3d ToVector(const CameraErrors& errors) { return {errors.k1, errors.k2, errors.readout}; }
 
 /// Ceres reports single steps that fail, which it then repeats shorter, through glog to stderr. The level is the whole
 /// process's: the first of several mappers that adjust at once lowers it, the last one puts it back.
@@ -322,16 +321,12 @@ class Adjustment {
                                                    [&](const Sighting& s) { return is_late(s.view); });
   }
 
-  PixelErrors ErrorsAt(size_t view, const Eigen::Vector2d& pixel, const CameraMotion& motion,
-                       const Eigen::Vector3d& direction, double inverse_length) const {
-    return PixelErrorsAt(bundle_.cameras[view], pixel, bundle_.poses[view], motion, direction, inverse_length);
-  }
-
   void AddSightings(const std::vector<CameraMotion>& motions, Landmark* landmark) {
     const auto anchor = static_cast<size_t>(landmark->anchor);
     const PinholeCamera& anchor_camera = bundle_.cameras[anchor];
     const Eigen::Vector3d ray = anchor_camera.Unproject(landmark->pixel);
-    const PixelErrors anchor_errors = ErrorsAt(anchor, landmark->pixel, motions[anchor], ray, landmark->inverse_depth);
+    const PixelErrors anchor_errors =
+        PixelErrorsAt(bundle_, motions, anchor, landmark->pixel, ray, landmark->inverse_depth);
     bool added = false;
     double information = 0, gradient = 0;  // of the inverse depth, from fixed views
     for (const Sighting& sighting : landmark->sightings) {
@@ -339,7 +334,7 @@ class Adjustment {
       const Eigen::Vector3d y =
           DirectionInView(ray, landmark->inverse_depth, bundle_.poses[anchor], bundle_.poses[view]);
       if (!(y.z() > 2 * SightingCost::kMinDepthRatio)) continue;
-      const PixelErrors errors = ErrorsAt(view, sighting.pixel, motions[view], y, landmark->inverse_depth);
+      const PixelErrors errors = PixelErrorsAt(bundle_, motions, view, sighting.pixel, y, landmark->inverse_depth);
       const SightingCost& cost =
           sighting_costs_.emplace_back(anchor_camera, landmark->pixel, anchor_errors, bundle_.cameras[view],
                                        sighting.pixel, errors, weights_.pixel_sigma);

@@ -9,7 +9,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/median.h"
-#include "landmark_matching.h"
 
 namespace acmp {
 namespace {
@@ -28,13 +27,7 @@ double MedianError(const Bundle& bundle) {
   std::vector<double> lengths;
   for (const Landmark& landmark : bundle.landmarks) {
     if (landmark.held_out) continue;
-    const auto anchor = static_cast<size_t>(landmark.anchor);
-    const Eigen::Vector3d ray = bundle.cameras[anchor].Unproject(landmark.pixel);
-    for (const Sighting& sighting : landmark.sightings) {
-      const auto view = static_cast<size_t>(sighting.view);
-      const Eigen::Vector3d y = DirectionInView(ray, landmark.inverse_depth, bundle.poses[anchor], bundle.poses[view]);
-      if (y.z() > 0) lengths.push_back((bundle.cameras[view].Project(y) - sighting.pixel).norm());
-    }
+    for (const Eigen::Vector2d& error : ErrorsOf(landmark, bundle, bundle.poses)) lengths.push_back(error.norm());
   }
   return lengths.empty() ? 0 : Median(std::move(lengths));
 }
@@ -63,21 +56,18 @@ Corrections Between(const std::vector<ViewPose>& before, const std::vector<ViewP
     sum.rotation += RotationVector(poses[i].rotation * before[i].rotation.conjugate()).squaredNorm();
     sum.position += (poses[i].centre - before[i].centre).squaredNorm();
   }
-  const double axes = 3.0 * static_cast<double>(poses.size());
+  const double axes = 3.0 * static_cast<double>(std::max<size_t>(poses.size(), 1));
   return {std::sqrt(sum.rotation / axes), std::sqrt(sum.position / axes)};
 }
 
-/// The same of the motions from view to view.
-Corrections BetweenMotions(const std::vector<ViewPose>& before, const std::vector<ViewPose>& poses) {
-  Corrections sum;
+/// From each view to the next, in the frame of the first.
+std::vector<ViewPose> MotionsBetween(const std::vector<ViewPose>& poses) {
+  std::vector<ViewPose> motions;
   for (size_t i = 0; i + 1 < poses.size(); ++i) {
-    const auto turn = [i](const std::vector<ViewPose>& p) { return p[i + 1].rotation * p[i].rotation.conjugate(); };
-    const auto move = [i](const std::vector<ViewPose>& p) { return p[i].rotation * (p[i + 1].centre - p[i].centre); };
-    sum.rotation += RotationVector(turn(poses) * turn(before).conjugate()).squaredNorm();
-    sum.position += (move(poses) - move(before)).squaredNorm();
+    motions.push_back({poses[i + 1].rotation * poses[i].rotation.conjugate(),
+                       poses[i].rotation * (poses[i + 1].centre - poses[i].centre)});
   }
-  const double axes = 3.0 * static_cast<double>(std::max<size_t>(poses.size(), 2) - 1);
-  return {std::sqrt(sum.rotation / axes), std::sqrt(sum.position / axes)};
+  return motions;
 }
 
 /// What expected poses are thought to be off by is what they have been corrected by. Motions count for less than that:
@@ -86,7 +76,7 @@ void WeighExpectedPoses(const Bundle& bundle, double typical_depth, BundleWeight
   const Corrections corrections = Between(bundle.expected, bundle.poses);
   weights->rotation_sigma = std::clamp(corrections.rotation, 1e-4, 0.05);
   weights->position_sigma = std::clamp(corrections.position, 1e-4 * typical_depth, 0.1 * typical_depth);
-  const Corrections motions = BetweenMotions(bundle.expected, bundle.poses);
+  const Corrections motions = Between(MotionsBetween(bundle.expected), MotionsBetween(bundle.poses));
   constexpr double kCaution = 3;
   weights->turn_sigma = std::clamp(kCaution * motions.rotation, 1e-4, 0.05);
   weights->move_sigma = std::clamp(kCaution * motions.position, 1e-4 * typical_depth, 0.1 * typical_depth);
@@ -104,14 +94,8 @@ Fitted Fit(const Bundle& bundle, const std::vector<ViewPose>& poses) {
     Triangulate(poses, bundle.cameras, &landmark);
     fitted.inverse_depths.push_back(std::max(landmark.inverse_depth, 0.0));
     if (!landmark.held_out) continue;
-    const auto anchor = static_cast<size_t>(landmark.anchor);
-    const Eigen::Vector3d ray = bundle.cameras[anchor].Unproject(landmark.pixel);
-    for (const Sighting& sighting : landmark.sightings) {
-      const auto view = static_cast<size_t>(sighting.view);
-      const Eigen::Vector3d y = DirectionInView(ray, landmark.inverse_depth, poses[anchor], poses[view]);
-      if (!(y.z() > 0)) continue;
-      fitted.cost +=
-          std::log1p((bundle.cameras[view].Project(y) - sighting.pixel).squaredNorm() / (kSigma_px * kSigma_px));
+    for (const Eigen::Vector2d& error : ErrorsOf(landmark, bundle, poses)) {
+      fitted.cost += std::log1p(error.squaredNorm() / (kSigma_px * kSigma_px));
     }
   }
   return fitted;
@@ -155,6 +139,20 @@ struct Fits {
   FitSamples all;
   std::vector<FitSamples> of_view;
 };
+
+/// Of a sighting from the epipolar line of the anchor's pixel, px.
+double EpipolarDistance(const Landmark& landmark, const PinholeCamera& anchor_camera, const ViewPose& anchor,
+                        const Eigen::Vector2d& pixel, const PinholeCamera& camera, const ViewPose& view) {
+  const Eigen::Vector3d at_infinity =
+      view.rotation * (anchor.rotation.conjugate() * anchor_camera.Unproject(landmark.pixel));
+  const Eigen::Vector3d epipole = view.rotation * (anchor.centre - view.centre);
+  const Eigen::Vector3d normal = at_infinity.cross(epipole);  // of the epipolar plane
+  // The line in pixels: n.x (u - cx) / fx + n.y (v - cy) / fy + n.z = 0.
+  const Eigen::Vector2d direction(normal.x() / camera.fx, normal.y() / camera.fy);
+  const double distance =
+      direction.x() * (pixel.x() - camera.cx) + direction.y() * (pixel.y() - camera.cy) + normal.z();
+  return std::abs(distance) / direction.norm();
+}
 
 void Collect(const Bundle& bundle, const std::vector<ViewPose>& poses, Fits* fits) {
   for (const Landmark& landmark : bundle.landmarks) {
@@ -209,19 +207,23 @@ std::string WhyUnchanged(const PoseRefinement& result, const PoseRefinementOptio
 
 }  // namespace
 
+OptionList OptionsOf(PoseRefinementOptions* options) {
+  OptionList list;
+  list.Group("refinement of poses");
+  list.Choice("refine_poses", &options->refine, {"off", "on", "auto"},
+              "Whether received poses are replaced by those of a bundle adjustment over matches between the images; "
+              "auto: where matches that took no part then fit clearly better, or where an adjustment that took the "
+              "camera for an ideal one has bent received poses");
+  return list;
+}
+
+void Validate(const PoseRefinementOptions& options) { CheckRange("corners", options.corners, 50, 5000); }
+
 double TypicalDepth(const Bundle& bundle) {
   std::vector<double> inverse_depths;
   for (const Landmark& landmark : bundle.landmarks) inverse_depths.push_back(landmark.inverse_depth);
   const double median = inverse_depths.empty() ? 0 : Median(std::move(inverse_depths));
   return median > 0 ? 1 / median : 1;
-}
-
-bool IsHeldOut(int64_t anchor_id, const Eigen::Vector2d& pixel) {
-  uint64_t hash = static_cast<uint64_t>(anchor_id) * 0x9e3779b97f4a7c15u;
-  hash ^= (static_cast<uint64_t>(std::lround(pixel.x())) << 32) + static_cast<uint64_t>(std::lround(pixel.y()));
-  hash = (hash ^ (hash >> 30)) * 0xbf58476d1ce4e5b9u;  // splitmix64
-  hash = (hash ^ (hash >> 27)) * 0x94d049bb133111ebu;
-  return (hash ^ (hash >> 31)) % 5 == 0;
 }
 
 bool RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle, RefinementState* state) {
@@ -297,49 +299,45 @@ std::optional<Bundle> CompareModels(const Bundle& bundle, BundleWeights weights,
   return free;
 }
 
-PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<int64_t>& ids,
-                               const std::vector<RigidTransform>& received, const std::vector<ViewPose>& refined,
-                               const RefinementState& state, const PoseRefinementOptions& options, bool was_changed) {
-  PoseRefinement result = Unrefined(ids, received, "");
-  result.has_camera_errors = HasCameraErrors(state.comparison);
+PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<ViewPose>& refined, const RefinementState& state,
+                               const PoseRefinementOptions& options, bool was_changed) {
+  PoseRefinement result = Unrefined(bundle, "");
+  result.checks.has_camera_errors = HasCameraErrors(state.comparison);
   // Poses that hold the bundle hold down what state.camera takes up.
-  result.camera = result.has_camera_errors ? state.comparison.camera : state.camera;
+  result.checks.camera_errors = result.checks.has_camera_errors ? state.comparison.camera : state.camera;
   result.bent = state.bent;
   Fits before(bundle.size()), after(bundle.size());
   tbb::parallel_invoke([&] { Collect(bundle, bundle.received, &before); }, [&] { Collect(bundle, refined, &after); });
   result.received_fit = before.all.Fit();
   result.refined_fit = after.all.Fit();
-  for (const Landmark& landmark : bundle.landmarks) {
-    if (landmark.held_out) continue;
-    result.landmarks += 1;
-    result.sightings += static_cast<int>(landmark.sightings.size());
-  }
-  const Corrections corrections = Between(bundle.received, refined);
-  result.rotation_correction = corrections.rotation;
-  result.position_correction = corrections.position;
-  for (size_t i = 0; i < ids.size(); ++i) {
+  result.landmarks = static_cast<int>(std::count_if(bundle.landmarks.begin(), bundle.landmarks.end(),
+                                                    [](const Landmark& landmark) { return !landmark.held_out; }));
+  for (size_t i = 0; i < bundle.size(); ++i) {
     result.poses[i].received_fit = before.of_view[i].Fit();
     result.poses[i].refined_fit = after.of_view[i].Fit();
   }
   result.reason = WhyUnchanged(result, options, bundle.cameras.back().fx, state.bent, was_changed);
   result.changed = result.reason.empty();
-  for (size_t i = 0; i < ids.size() && result.changed; ++i) {
-    result.poses[i].cam_from_world = result.poses[i].cam_from_received =
-        ToRigidTransform({refined[i].rotation, refined[i].centre + bundle.origin});
+  return result;
+}
+
+PoseRefinement Unrefined(const Bundle& bundle, std::string reason) {
+  PoseRefinement result;
+  result.reason = std::move(reason);
+  for (size_t i = 0; i < bundle.size(); ++i) {
+    RefinedPose& pose = result.poses.emplace_back();
+    pose.id = bundle.ids[i];
+    pose.cam_from_world = pose.cam_from_received = bundle.cam_from_world[i];
   }
   return result;
 }
 
-PoseRefinement Unrefined(const std::vector<int64_t>& ids, const std::vector<RigidTransform>& received,
-                         std::string reason) {
-  PoseRefinement result;
-  result.reason = std::move(reason);
-  for (size_t i = 0; i < ids.size(); ++i) {
-    result.poses.emplace_back();
-    result.poses.back().id = ids[i];
-    result.poses.back().cam_from_world = result.poses.back().cam_from_received = received[i];
+void SetPoses(const Bundle& bundle, const std::vector<ViewPose>& refined, const std::vector<ViewPose>& placed,
+              PoseRefinement* result) {
+  for (size_t i = 0; i < bundle.size(); ++i) {
+    result->poses[i].cam_from_world = bundle.FromWorld(refined[i]);
+    result->poses[i].cam_from_received = bundle.FromWorld(placed[i]);
   }
-  return result;
 }
 
 }  // namespace acmp

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <optional>
+#include <string>
+
 #include "bundle.h"
-#include "bundle_adjustment.h"
 
 namespace acmp {
 
@@ -58,18 +60,26 @@ struct RefinementState {
 /// Returns the bundle with the poses of the camera with errors; none where an adjustment finds no solution.
 std::optional<Bundle> CompareModels(const Bundle& bundle, BundleWeights weights, ModelComparison* comparison);
 
-/// Compares received with refined poses by the matches of held-out landmarks and decides.
+/// Compares received with refined poses by the matches of held-out landmarks and decides. Leaves the result's poses as
+/// received.
 /// @param was_changed the decision before, which is kept where the gain is nearly enough
 /// @param state has learnt the camera's errors and whether received poses are bent
-PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<int64_t>& ids,
-                               const std::vector<RigidTransform>& received, const std::vector<ViewPose>& refined,
-                               const RefinementState& state, const PoseRefinementOptions& options, bool was_changed);
-
-/// Whether a landmark is held out: the same for the same anchor and pixel, one in five.
-bool IsHeldOut(int64_t anchor_id, const Eigen::Vector2d& pixel);
+PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<ViewPose>& refined, const RefinementState& state,
+                               const PoseRefinementOptions& options, bool was_changed);
 
 /// The result where nothing was tried.
-PoseRefinement Unrefined(const std::vector<int64_t>& ids, const std::vector<RigidTransform>& received,
-                         std::string reason);
+PoseRefinement Unrefined(const Bundle& bundle, std::string reason);
+
+/// Sets the poses of a result.
+/// @param refined, placed in the world of the refined poses and in that of the received ones
+void SetPoses(const Bundle& bundle, const std::vector<ViewPose>& refined, const std::vector<ViewPose>& placed,
+              PoseRefinement* result);
+
+/// PoseChecks::contradiction of an adjusted bundle.
+/// @param known_scale as FitSimilarity's, from refined to received poses
+std::optional<double> MeasureContradiction(const Bundle& bundle, double known_scale);
+
+/// PoseChecks::stamp_offset_s of an adjusted bundle whose times are stamps in seconds.
+std::optional<double> FindStampOffset(const Bundle& bundle);
 
 }  // namespace acmp

@@ -1,9 +1,9 @@
-#include "landmark_matching.h"
-
 #include <algorithm>
 #include <cmath>
 #include <functional>
 #include <numeric>
+
+#include "matching.h"
 
 namespace acmp {
 namespace {
@@ -97,6 +97,15 @@ int SearchLevel(const GrayPyramid& pyramid) {
   return level;
 }
 
+/// The same for the same anchor and pixel, one in five.
+bool IsHeldOut(int64_t anchor_id, const Eigen::Vector2d& pixel) {
+  uint64_t hash = static_cast<uint64_t>(anchor_id) * 0x9e3779b97f4a7c15u;
+  hash ^= (static_cast<uint64_t>(std::lround(pixel.x())) << 32) + static_cast<uint64_t>(std::lround(pixel.y()));
+  hash = (hash ^ (hash >> 30)) * 0xbf58476d1ce4e5b9u;  // splitmix64
+  hash = (hash ^ (hash >> 27)) * 0x94d049bb133111ebu;
+  return (hash ^ (hash >> 31)) % 5 == 0;
+}
+
 }  // namespace
 
 double SearchInverseDepth(const PosedView& anchor, const Eigen::Vector2d& pixel, const DepthRange& range,
@@ -153,50 +162,39 @@ double SearchInverseDepth(const PosedView& anchor, const Eigen::Vector2d& pixel,
   return farthest + (nearest - farthest) * best / (count - 1);
 }
 
-Alignment FindInView(const Landmark& landmark, const PosedView& anchor, const PosedView& view,
-                     const AlignmentOptions& options) {
+Alignment FindInView(const Landmark& landmark, const PosedView& anchor, const PosedView& view) {
   const Projection p = RelativeView(anchor, view).Project(landmark.pixel, landmark.inverse_depth);
   if (!p.in_front || !view.view->camera.Contains(p.pixel)) return {};
-  Alignment alignment = Align(anchor.view->pyramid, landmark.pixel, p.warp, view.view->pyramid, p.pixel, options);
-  alignment.found = alignment.found && view.view->IsClear(alignment.pixel, options.half_width + 1);
+  Alignment alignment = Align(anchor.view->pyramid, landmark.pixel, p.warp, view.view->pyramid, p.pixel);
+  alignment.found = alignment.found && view.view->IsClear(alignment.pixel, kPatchHalfWidth + 1);
   return alignment;
 }
 
-void Triangulate(const std::vector<ViewPose>& poses, const std::vector<PinholeCamera>& cameras, Landmark* landmark) {
-  const ViewPose& anchor = poses[static_cast<size_t>(landmark->anchor)];
-  const Eigen::Vector3d ray = cameras[static_cast<size_t>(landmark->anchor)].Unproject(landmark->pixel);
-  for (int iteration = 0; iteration < 8; ++iteration) {
-    double h = 0, g = 0;
-    for (const Sighting& sighting : landmark->sightings) {
-      const ViewPose& pose = poses[static_cast<size_t>(sighting.view)];
-      const PinholeCamera& camera = cameras[static_cast<size_t>(sighting.view)];
-      const Eigen::Vector3d y = DirectionInView(ray, landmark->inverse_depth, anchor, pose);
-      if (!(y.z() > 0)) continue;
-      const Eigen::Vector2d r = camera.Project(y) - sighting.pixel;
-      const Eigen::Vector3d d = pose.rotation * (anchor.centre - pose.centre);
-      const Eigen::Vector2d j(camera.fx * (d.x() - y.x() / y.z() * d.z()) / y.z(),
-                              camera.fy * (d.y() - y.y() / y.z() * d.z()) / y.z());
-      const double weight = 1 / (1 + r.squaredNorm());
-      h += weight * j.squaredNorm(), g += weight * j.dot(r);
-    }
-    if (!(h > 0)) return;
-    const double step = g / h;
-    landmark->inverse_depth -= step;
-    if (std::abs(step) < 1e-5 * std::abs(landmark->inverse_depth)) return;
+std::vector<Sighting> ImageBundle::FindSightings(const Landmark& landmark, const std::set<int>& seen_by) const {
+  std::vector<Sighting> sightings;
+  for (const int view : seen_by) {
+    const Alignment alignment = FindInView(landmark, Posed(landmark.anchor), Posed(view));
+    if (alignment.found) sightings.push_back({view, alignment.pixel});
   }
+  return sightings;
 }
 
-double EpipolarDistance(const Landmark& landmark, const PinholeCamera& anchor_camera, const ViewPose& anchor,
-                        const Eigen::Vector2d& pixel, const PinholeCamera& camera, const ViewPose& view) {
-  const Eigen::Vector3d at_infinity =
-      view.rotation * (anchor.rotation.conjugate() * anchor_camera.Unproject(landmark.pixel));
-  const Eigen::Vector3d epipole = view.rotation * (anchor.centre - view.centre);
-  const Eigen::Vector3d normal = at_infinity.cross(epipole);  // of the epipolar plane
-  // The line in pixels: n.x (u - cx) / fx + n.y (v - cy) / fy + n.z = 0.
-  const Eigen::Vector2d direction(normal.x() / camera.fx, normal.y() / camera.fy);
-  const double distance =
-      direction.x() * (pixel.x() - camera.cx) + direction.y() * (pixel.y() - camera.cy) + normal.z();
-  return std::abs(distance) / direction.norm();
+std::optional<Landmark> ImageBundle::FindLandmark(int anchor, const Eigen::Vector2d& corner, const DepthRange& range,
+                                                  const std::vector<int>& searched,
+                                                  const std::set<int>& seen_by) const {
+  std::vector<PosedView> others;
+  for (const int view : searched) others.push_back(Posed(view));
+  Landmark landmark;
+  landmark.anchor = anchor;
+  landmark.pixel = corner;
+  landmark.inverse_depth = SearchInverseDepth(Posed(anchor), corner, range, others);
+  if (!(landmark.inverse_depth > 0)) return std::nullopt;
+  landmark.held_out = IsHeldOut(bundle.ids[static_cast<size_t>(anchor)], corner);
+  landmark.sightings = FindSightings(landmark, seen_by);
+  if (landmark.sightings.size() < kMinSightings) return std::nullopt;
+  Triangulate(bundle.poses, bundle.cameras, &landmark);
+  if (!(landmark.inverse_depth > 0)) return std::nullopt;
+  return landmark;
 }
 
 }  // namespace acmp

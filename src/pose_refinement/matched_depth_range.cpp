@@ -1,12 +1,11 @@
-#include "acmp_mapping/pose_refinement/matched_depth_range.h"
-
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <deque>
 
-#include "corner_detection.h"
-#include "landmark_matching.h"
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/pose_refinement/pose_refiner.h"
+#include "matching.h"
 
 namespace acmp {
 namespace {
@@ -14,10 +13,6 @@ namespace {
 constexpr int kCorners = 150;
 
 constexpr size_t kMostOthers = 8;
-
-View MakeView(const Frame& frame) {
-  return {frame.camera, GrayPyramid(frame.gray.View()), MakeMaskDistance(frame.mask)};
-}
 
 /// Points of the corners that are found in the others; none where most of them hardly move.
 /// @param anchor of the frame
@@ -50,15 +45,15 @@ std::vector<Eigen::Vector3d> FindPoints(const Frame& frame, const PosedView& anc
 
 std::optional<DepthRange> DepthRangeFromMatches(const Frame& frame, const std::vector<FramePtr>& others,
                                                 const DepthRangeOptions& options) {
-  const View view = MakeView(frame);
-  const PosedView anchor = {0, &view, ToViewPose(frame.cam_from_world)};
-  const std::vector<Eigen::Vector2d> corners =
-      PickCorners(view, CornerResponse(view.pyramid.level(0)), {}, CornersFor(frame.camera, kCorners));
+  const auto make_view = [](const Frame& f) { return MakeView(Concat("keyframe ", f.id), f.camera, f.gray, f.mask); };
+  const View view = make_view(frame);
+  const PosedView anchor = {&view, ToViewPose(frame.cam_from_world)};
+  const std::vector<Eigen::Vector2d> corners = PickCorners(view, CornerResponse(view), kCorners);
   std::deque<View> views;
   std::vector<PosedView> posed;
   for (const FramePtr& other : others) {
-    views.push_back(MakeView(*other));
-    posed.push_back({static_cast<int>(views.size()), &views.back(), ToViewPose(other->cam_from_world)});
+    views.push_back(make_view(*other));
+    posed.push_back({&views.back(), ToViewPose(other->cam_from_world)});
     const size_t count = views.size();
     const bool is_power_of_two = (count & (count - 1)) == 0;
     if (!is_power_of_two && count < std::min(others.size(), kMostOthers)) continue;

@@ -1,15 +1,14 @@
-#include "patch_alignment.h"
-
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 
+#include "matching.h"
+
 namespace acmp {
 namespace {
 
-constexpr int kMaxHalfWidth = 10;
-constexpr int kMaxSide = 2 * kMaxHalfWidth + 1;
-constexpr int kMaxPixels = kMaxSide * kMaxSide;
+constexpr int kPatchSide = 2 * kPatchHalfWidth + 1;
+constexpr int kPatchPixels = kPatchSide * kPatchSide;
 
 /// Level of the first image whose resolution is that of the other's level `l`.
 int LevelOf(const Eigen::Matrix2d& warp, int l, int levels) {
@@ -18,13 +17,11 @@ int LevelOf(const Eigen::Matrix2d& warp, int l, int levels) {
 }
 
 struct Template {
-  int side = 0;
-  float values[kMaxPixels];  ///< zero mean, unit norm
-  float dx[kMaxPixels];      ///< gradients of these
-  float dy[kMaxPixels];
+  int side = kPatchSide;  ///< Eigen's sums begin where memory is aligned: without it the arrays' last bits were others
+  float values[kPatchPixels];  ///< zero mean, unit norm
+  float dx[kPatchPixels];      ///< gradients of these
+  float dy[kPatchPixels];
   Eigen::Matrix2f inverse_hessian;
-
-  int count() const { return side * side; }
 };
 
 using Values = Eigen::Map<Eigen::VectorXf>;  // its sums are vector code
@@ -32,10 +29,10 @@ using ConstValues = Eigen::Map<const Eigen::VectorXf>;
 
 /// False where the patch leaves the image or has no texture.
 bool MakeTemplate(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Eigen::Matrix2d& inverse_warp,
-                  int level, int image_level, int half, Template* patch) {
+                  int level, int image_level, Template* patch) {
   const Image<uint8_t>& pixels = image.level(image_level);
-  const int padded = half + 1, side = 2 * padded + 1;
-  float values[(kMaxSide + 2) * (kMaxSide + 2)];
+  constexpr int padded = kPatchHalfWidth + 1, side = 2 * padded + 1;
+  float values[side * side];
   const double scale = static_cast<double>(1 << level) / (1 << image_level);
   const Eigen::Matrix2f step = (inverse_warp * scale).cast<float>();
   const Eigen::Vector2f centre(static_cast<float>(ToLevel(pixel.x(), image_level)),
@@ -53,20 +50,18 @@ bool MakeTemplate(const GrayPyramid& image, const Eigen::Vector2d& pixel, const 
       values[i] = Sample(pixels, u, v);
     }
   }
-  patch->side = 2 * half + 1;
-  for (int row = 0, i = 0; row < patch->side; ++row) {
-    for (int col = 0; col < patch->side; ++col, ++i) {
+  for (int row = 0, i = 0; row < kPatchSide; ++row) {
+    for (int col = 0; col < kPatchSide; ++col, ++i) {
       const float* p = values + (row + 1) * side + col + 1;
       patch->values[i] = *p;
       patch->dx[i] = 0.5f * (p[1] - p[-1]);
       patch->dy[i] = 0.5f * (p[side] - p[-side]);
     }
   }
-  const int count = patch->count();
-  Values centred(patch->values, count), dx(patch->dx, count), dy(patch->dy, count);
+  Values centred(patch->values, kPatchPixels), dx(patch->dx, kPatchPixels), dy(patch->dy, kPatchPixels);
   centred.array() -= centred.mean();
   const float squares = centred.squaredNorm();
-  if (!(squares > static_cast<float>(count))) return false;  // a standard deviation of one grey value
+  if (!(squares > kPatchPixels)) return false;  // a standard deviation of one grey value
   const float inverse_norm = 1.0f / std::sqrt(squares);
   centred *= inverse_norm, dx *= inverse_norm, dy *= inverse_norm;
   const float xx = dx.squaredNorm(), xy = dx.dot(dy), yy = dy.squaredNorm();
@@ -78,23 +73,23 @@ bool MakeTemplate(const GrayPyramid& image, const Eigen::Vector2d& pixel, const 
 }
 
 /// Samples the patch at `at`, zero mean and unit norm. False where it leaves the image or is blank.
-bool SamplePatch(const Image<uint8_t>& image, const Eigen::Vector2f& at, int half, float* values) {
-  const int left = static_cast<int>(std::floor(at.x())) - half, top = static_cast<int>(std::floor(at.y())) - half;
-  if (left < 0 || top < 0 || left + 2 * half + 1 >= image.width() || top + 2 * half + 1 >= image.height()) return false;
+bool SamplePatch(const Image<uint8_t>& image, const Eigen::Vector2f& at, float* values) {
+  const int left = static_cast<int>(std::floor(at.x())) - kPatchHalfWidth,
+            top = static_cast<int>(std::floor(at.y())) - kPatchHalfWidth;
+  if (left < 0 || top < 0 || left + kPatchSide >= image.width() || top + kPatchSide >= image.height()) return false;
   const float a = at.x() - std::floor(at.x()), b = at.y() - std::floor(at.y());
   const float w00 = (1 - a) * (1 - b), w01 = a * (1 - b), w10 = (1 - a) * b, w11 = a * b;
-  const int side = 2 * half + 1;
-  for (int row = 0, i = 0; row < side; ++row) {
+  for (int row = 0, i = 0; row < kPatchSide; ++row) {
     const uint8_t* p = &image(left, top + row);
     const uint8_t* q = p + image.width();
-    for (int col = 0; col < side; ++col, ++i) {
+    for (int col = 0; col < kPatchSide; ++col, ++i) {
       values[i] = w00 * p[col] + w01 * p[col + 1] + w10 * q[col] + w11 * q[col + 1];
     }
   }
-  Values centred(values, side * side);
+  Values centred(values, kPatchPixels);
   centred.array() -= centred.mean();
   const float squares = centred.squaredNorm();
-  if (!(squares > 0.25f * static_cast<float>(side * side))) return false;
+  if (!(squares > 0.25f * kPatchPixels)) return false;
   centred *= 1.0f / std::sqrt(squares);
   return true;
 }
@@ -102,30 +97,30 @@ bool SamplePatch(const Image<uint8_t>& image, const Eigen::Vector2f& at, int hal
 }  // namespace
 
 Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Eigen::Matrix2d& warp,
-                const GrayPyramid& other, const Eigen::Vector2d& start, const AlignmentOptions& options) {
+                const GrayPyramid& other, const Eigen::Vector2d& start) {
+  constexpr int kStartLevel = 2, kIterations = 12;  // of the pyramids; per level
+  constexpr double kMinNcc = 0.85, kMaxShift_px = 12;
   Alignment result;
   const double scale = std::sqrt(std::abs(warp.determinant()));
   if (!(warp.determinant() > 0) || scale > 3 || scale < 1 / 3.0) return result;
   const Eigen::Matrix2d inverse_warp = warp.inverse();
-  const int half = std::min(options.half_width, kMaxHalfWidth);
-  const double max_shift_squared = options.max_shift * options.max_shift;
   Eigen::Vector2d at = start;
   Template patch;
-  float values[kMaxPixels];
+  float values[kPatchPixels];
   bool converged = false;
-  for (int level = std::min(options.start_level, other.levels() - 1); level >= 0; --level) {
+  for (int level = std::min(kStartLevel, other.levels() - 1); level >= 0; --level) {
     const int image_level = LevelOf(warp, level, image.levels());
-    if (!MakeTemplate(image, pixel, inverse_warp, level, image_level, half, &patch)) {
+    if (!MakeTemplate(image, pixel, inverse_warp, level, image_level, &patch)) {
       if (level == 0) return result;
       continue;  // near the border the coarse levels have no room
     }
     Eigen::Vector2f p(static_cast<float>(ToLevel(at.x(), level)), static_cast<float>(ToLevel(at.y(), level)));
-    const ConstValues dx(patch.dx, patch.count()), dy(patch.dy, patch.count()), wanted(patch.values, patch.count());
-    const ConstValues seen(values, patch.count());
+    const ConstValues dx(patch.dx, kPatchPixels), dy(patch.dy, kPatchPixels), wanted(patch.values, kPatchPixels);
+    const ConstValues seen(values, kPatchPixels);
     bool inside = true;
     converged = false;
-    for (int iteration = 0; iteration < options.iterations && inside; ++iteration) {
-      inside = SamplePatch(other.level(level), p, half, values);
+    for (int iteration = 0; iteration < kIterations && inside; ++iteration) {
+      inside = SamplePatch(other.level(level), p, values);
       if (!inside) break;
       Eigen::Vector2f move = patch.inverse_hessian * Eigen::Vector2f(dx.dot(seen - wanted), dy.dot(seen - wanted));
       const float length = move.norm();
@@ -142,14 +137,14 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
       continue;
     }
     at = {FromLevel(p.x(), level), FromLevel(p.y(), level)};
-    if ((at - start).squaredNorm() > max_shift_squared) return result;
+    if ((at - start).squaredNorm() > kMaxShift_px * kMaxShift_px) return result;
   }
   if (!converged) return result;
   const Eigen::Vector2f p = at.cast<float>();
-  if (!SamplePatch(other.level(0), p, half, values)) return result;
+  if (!SamplePatch(other.level(0), p, values)) return result;
   result.pixel = at;
-  result.ncc = ConstValues(values, patch.count()).dot(ConstValues(patch.values, patch.count()));
-  result.found = result.ncc >= options.min_ncc;
+  result.ncc = ConstValues(values, kPatchPixels).dot(ConstValues(patch.values, kPatchPixels));
+  result.found = result.ncc >= kMinNcc;
   return result;
 }
 

@@ -1,5 +1,3 @@
-#include "pose_checks.h"
-
 #include <algorithm>
 #include <cmath>
 

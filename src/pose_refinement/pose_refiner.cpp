@@ -4,24 +4,19 @@
 #include <tbb/parallel_invoke.h>
 
 #include <algorithm>
-#include <deque>
 #include <future>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/keyframe/source_view_selection.h"
 #include "bundle_refinement.h"
-#include "corner_detection.h"
-#include "landmark_matching.h"
-#include "pose_checks.h"
-#include "resection.h"
+#include "matching.h"
 
 namespace acmp {
 namespace {
 
-constexpr size_t kFirstSightings = 6;  // earlier keyframes in which a new landmark is measured
-constexpr size_t kSearchViews = 3;     // earlier keyframes in which a new landmark's depth is looked for
-constexpr size_t kMinSightings = 2;    // of a new landmark
+constexpr int kFirstSightings = 6;  // earlier keyframes in which a new landmark is measured
+constexpr int kSearchViews = 3;     // earlier keyframes in which a new landmark's depth is looked for
 constexpr size_t kMinKeyframes = 3;
 constexpr size_t kMinResected = 10;  // landmarks from which the newest keyframe's pose follows
 constexpr int kLostAfter = 3;        // keyframes in which a landmark was not found: given up
@@ -43,17 +38,7 @@ size_t NumFixed(size_t keyframes) {
 }  // namespace
 
 struct PoseRefiner::Impl {
-  struct Keyframe {
-    int64_t id = 0;
-    double stamp_s = 0;
-    View view;
-    RigidTransform received;
-    std::optional<CameraMotion> motion;
-  };
-
   explicit Impl(const PoseRefinementOptions& o) : options(o) {}
-
-  PosedView Posed(size_t i) const { return {static_cast<int>(i), &keyframes[i].view, bundle.poses[i]}; }
 
   /// The pose of the newest keyframe: the received motion from the last one, on top of its refined pose.
   ViewPose Predicted(const ViewPose& received) const {
@@ -75,12 +60,11 @@ struct PoseRefiner::Impl {
     const ViewPose& last = bundle.received.back();
     if (RotationVector(pose.rotation * last.rotation.conjugate()).norm() > kStill) return false;
     if ((pose.centre - last.centre).norm() > kStill * depth) return false;
-    const std::vector<Eigen::Vector2d> corners =
-        PickCorners(view, CornerResponse(view.pyramid.level(0)), {}, CornersFor(view.camera, options.corners));
+    const std::vector<Eigen::Vector2d> corners = PickCorners(view, CornerResponse(view), options.corners);
     std::vector<char> is_still(corners.size(), 0);
     tbb::parallel_for(size_t{0}, corners.size(), [&](size_t i) {
       const Alignment alignment =
-          Align(view.pyramid, corners[i], Eigen::Matrix2d::Identity(), keyframes.back().view.pyramid, corners[i], {});
+          Align(view.pyramid, corners[i], Eigen::Matrix2d::Identity(), window.views.back().pyramid, corners[i]);
       is_still[i] = alignment.found && (alignment.pixel - corners[i]).norm() < kStill_px;
     });
     const auto still = static_cast<size_t>(std::count(is_still.begin(), is_still.end(), 1));
@@ -96,13 +80,13 @@ struct PoseRefiner::Impl {
 
   /// Known landmarks in the newest keyframe, whose pose then follows from them.
   std::vector<Tracked> TrackLandmarks() {
-    const size_t newest = bundle.size() - 1;
+    const int newest = static_cast<int>(bundle.size()) - 1;
     std::vector<Alignment> alignments(bundle.landmarks.size());
     tbb::parallel_for(size_t{0}, bundle.landmarks.size(), [&](size_t i) {
       const Landmark& landmark = bundle.landmarks[i];
       const int last = landmark.sightings.back().view;  // sightings ascend but for those of its first keyframes
-      if (static_cast<int>(newest) - std::max(last, landmark.anchor) > kLostAfter) return;
-      alignments[i] = FindInView(landmark, Posed(static_cast<size_t>(landmark.anchor)), Posed(newest), {});
+      if (newest - std::max(last, landmark.anchor) > kLostAfter) return;
+      alignments[i] = FindInView(landmark, window.Posed(landmark.anchor), window.Posed(newest));
     });
     std::vector<SeenPoint> seen;
     for (size_t i = 0; i < alignments.size(); ++i) {
@@ -114,8 +98,8 @@ struct PoseRefiner::Impl {
     for (size_t i = 0; i < alignments.size(); ++i) {
       if (!alignments[i].found) continue;
       Landmark& landmark = bundle.landmarks[i];
-      landmark.sightings.push_back({static_cast<int>(newest), alignments[i].pixel});
-      const ViewPose& pose = bundle.poses[newest];
+      landmark.sightings.push_back({newest, alignments[i].pixel});
+      const ViewPose& pose = bundle.poses.back();
       const double depth = (pose.rotation * (PointOf(landmark) - pose.centre)).z();
       if (depth > 0) tracked.push_back({alignments[i].pixel, 1 / depth});
     }
@@ -143,42 +127,23 @@ struct PoseRefiner::Impl {
   }
 
   void AddLandmarks(const std::vector<Tracked>& tracked, const Image<float>& response, const DepthRange& range) {
-    const size_t newest = bundle.size() - 1;
-    if (newest < kMinSightings) return;
+    const int newest = static_cast<int>(bundle.size()) - 1;
+    if (newest < static_cast<int>(kMinSightings)) return;
+    std::vector<int> searched;
+    for (int i = newest - 1; i >= std::max(0, newest - kSearchViews); --i) searched.push_back(i);
+    std::set<int> seen_by;
+    for (int i = std::max(0, newest - kFirstSightings); i < newest; ++i) seen_by.insert(i);
     std::vector<Eigen::Vector2d> taken;
     taken.reserve(tracked.size());
     for (const Tracked& t : tracked) taken.push_back(t.pixel);
-    const View& view = keyframes.back().view;
-    const std::vector<Eigen::Vector2d> corners =
-        PickCorners(view, response, taken, CornersFor(view.camera, options.corners));
+    const std::vector<Eigen::Vector2d> corners = PickCorners(window.views.back(), response, options.corners, taken);
     std::vector<std::optional<Landmark>> found(corners.size());
-    tbb::parallel_for(size_t{0}, corners.size(),
-                      [&](size_t i) { found[i] = MakeLandmark(corners[i], RangeAround(corners[i], tracked, range)); });
+    tbb::parallel_for(size_t{0}, corners.size(), [&](size_t i) {
+      found[i] = window.FindLandmark(newest, corners[i], RangeAround(corners[i], tracked, range), searched, seen_by);
+    });
     for (std::optional<Landmark>& landmark : found) {
       if (landmark) bundle.landmarks.push_back(std::move(*landmark));
     }
-  }
-
-  /// A landmark at a corner of the newest keyframe, if earlier ones see it.
-  std::optional<Landmark> MakeLandmark(const Eigen::Vector2d& corner, const DepthRange& range) const {
-    const size_t newest = bundle.size() - 1;
-    const PosedView anchor = Posed(newest);
-    std::vector<PosedView> others;
-    for (size_t i = newest; i-- > 0 && others.size() < kSearchViews;) others.push_back(Posed(i));
-    Landmark landmark;
-    landmark.anchor = static_cast<int>(newest);
-    landmark.pixel = corner;
-    landmark.inverse_depth = SearchInverseDepth(anchor, corner, range, others);
-    if (!(landmark.inverse_depth > 0)) return std::nullopt;
-    for (size_t i = newest > kFirstSightings ? newest - kFirstSightings : 0; i < newest; ++i) {
-      const Alignment alignment = FindInView(landmark, anchor, Posed(i), {});
-      if (alignment.found) landmark.sightings.push_back({static_cast<int>(i), alignment.pixel});
-    }
-    if (landmark.sightings.size() < kMinSightings) return std::nullopt;
-    landmark.held_out = IsHeldOut(keyframes.back().id, corner);
-    Triangulate(bundle.poses, bundle.cameras, &landmark);
-    if (!(landmark.inverse_depth > 0)) return std::nullopt;
-    return landmark;
   }
 
   /// Compares models often until they tell, then once in a while. That costs as much as several keyframes: so it is
@@ -222,8 +187,8 @@ struct PoseRefiner::Impl {
   }
 
   const PoseRefinementOptions options;
-  std::deque<Keyframe> keyframes;
-  Bundle bundle;                  ///< of the keyframes, in their order
+  ImageBundle window;  ///< of the keyframes, in their order
+  Bundle& bundle = window.bundle;
   std::vector<ViewPose> refined;  ///< by resection; of keyframes that are fixed by now, when they were last free
   RefinementState state;
   std::future<ModelComparison> compared;  ///< of an earlier window
@@ -241,41 +206,33 @@ PoseRefiner::PoseRefiner(const PoseRefinementOptions& options) {
 
 PoseRefiner::~PoseRefiner() = default;
 
-bool PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::optional<CameraMotion>& motion) {
+bool PoseRefiner::Add(const Frame& frame, const DepthRange& range) {
   const std::string name = Concat("keyframe ", frame.id);
-  CheckCamera(name.c_str(), frame.camera);
+  CheckCamera(name, frame.camera);
   CheckPose(name.c_str(), frame.cam_from_world);
   CheckDepthRange(name.c_str(), range);
-  if (frame.gray.width() != frame.camera.width || frame.gray.height() != frame.camera.height) {
-    throw InvalidInputError(name + ": grey image and camera differ in size");
-  }
-  std::deque<Impl::Keyframe>& keyframes = impl_->keyframes;
-  if (!keyframes.empty() && frame.id <= keyframes.back().id) {
-    throw InvalidInputError(Concat(name, ": must come after ", keyframes.back().id));
-  }
-  const bool stamped = impl_->stamped = frame.stamp_s > 0;
-  if (!keyframes.empty() && stamped && frame.stamp_s <= keyframes.back().stamp_s) {
-    throw InvalidInputError(Concat(name, ": its stamp must be after that of keyframe ", keyframes.back().id));
-  }
   Bundle& bundle = impl_->bundle;
-  ViewPose received = ToViewPose(frame.cam_from_world);
-  if (bundle.size() == 0) bundle.origin = received.centre;
-  received.centre -= bundle.origin;
-  View view = {frame.camera, GrayPyramid(frame.gray.View()), MakeMaskDistance(frame.mask)};
+  const bool stamped = impl_->stamped = frame.stamp_s > 0;
+  const double time = stamped ? frame.stamp_s : static_cast<double>(frame.id);
+  if (bundle.size() > 0 && frame.id <= bundle.ids.back()) {
+    throw InvalidInputError(Concat(name, ": must come after ", bundle.ids.back()));
+  }
+  if (bundle.size() > 0 && stamped && time <= bundle.times.back()) {
+    throw InvalidInputError(Concat(name, ": its stamp must be after that of keyframe ", bundle.ids.back()));
+  }
+  View view = MakeView(name, frame.camera, frame.gray, frame.mask);
+  if (bundle.size() == 0) bundle.origin = ToViewPose(frame.cam_from_world).centre;
+  const ViewPose received = bundle.FromOrigin(frame.cam_from_world);
   if (impl_->StandsSinceLast(view, received, TypicalDepth(range))) return false;
-  const ViewPose predicted = impl_->Predicted(received);
-  keyframes.push_back({frame.id, frame.stamp_s, std::move(view), frame.cam_from_world, motion});
-  bundle.cameras.push_back(frame.camera);
-  bundle.received.push_back(received);
-  bundle.poses.push_back(predicted);
-  impl_->refined.push_back(predicted);
-  bundle.times.push_back(stamped ? frame.stamp_s : static_cast<double>(frame.id));
-  bundle.motions.push_back(motion);
+  impl_->refined.push_back(impl_->Predicted(received));
+  bundle.Add(frame.id, time, frame.camera, frame.cam_from_world);
+  bundle.poses.back() = impl_->refined.back();
+  impl_->window.views.push_back(std::move(view));
   const auto scale = static_cast<float>(impl_->scale);
   std::vector<Tracked> tracked;
   Image<float> response;
   tbb::parallel_invoke([&] { tracked = impl_->TrackLandmarks(); },
-                       [&] { response = CornerResponse(keyframes.back().view.pyramid.level(0)); });
+                       [&] { response = CornerResponse(impl_->window.views.back()); });
   impl_->AddLandmarks(tracked, response, {range.min / scale, range.max / scale});
   return true;
 }
@@ -283,13 +240,9 @@ bool PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::op
 void PoseRefiner::RemoveOldest() {
   Bundle& b = impl_->bundle;
   if (b.size() == 0) throw InvalidInputError("PoseRefiner::RemoveOldest: the window is empty");
-  impl_->keyframes.pop_front();
-  b.cameras.erase(b.cameras.begin());
-  b.received.erase(b.received.begin());
-  b.poses.erase(b.poses.begin());
-  b.times.erase(b.times.begin());
-  b.motions.erase(b.motions.begin());
-  impl_->refined.erase(impl_->refined.begin());
+  impl_->window.views.pop_front();
+  const auto erase_first = [](auto&... lists) { (lists.erase(lists.begin()), ...); };
+  erase_first(b.ids, b.times, b.cameras, b.cam_from_world, b.received, b.poses, impl_->refined);
   std::vector<Landmark> kept;
   for (Landmark& landmark : b.landmarks) {
     if (--landmark.anchor < 0) continue;
@@ -306,17 +259,11 @@ void PoseRefiner::RemoveOldest() {
 PoseRefinement PoseRefiner::Refine() {
   constexpr int kSureBundles = 10;  // after which the camera's errors hardly change
   Bundle& bundle = impl_->bundle;
-  std::vector<int64_t> ids;
-  std::vector<RigidTransform> received;
-  for (const Impl::Keyframe& keyframe : impl_->keyframes) {
-    ids.push_back(keyframe.id);
-    received.push_back(keyframe.received);
-  }
-  if (impl_->options.refine == RefinePoses::kOff) return Unrefined(ids, received, "refinement is off");
+  if (impl_->options.refine == RefinePoses::kOff) return Unrefined(bundle, "refinement is off");
   if (bundle.size() < kMinKeyframes) {
-    return Unrefined(ids, received, Concat(bundle.size(), " keyframes: needs ", kMinKeyframes));
+    return Unrefined(bundle, Concat(bundle.size(), " keyframes: needs ", kMinKeyframes));
   }
-  if (bundle.landmarks.empty()) return Unrefined(ids, received, "no matches between the keyframes");
+  if (bundle.landmarks.empty()) return Unrefined(bundle, "no matches between the keyframes");
   constexpr int kIterations = 1;  // the newest pose is good already, and the next window goes on from here
   const size_t fixed = NumFixed(bundle.size());
   const double depth = TypicalDepth(bundle), scale = impl_->scale;
@@ -330,27 +277,22 @@ PoseRefinement PoseRefiner::Refine() {
     impl_->changed = false;
     impl_->scale = 1;
     ++impl_->world;
-    return Unrefined(ids, received, "the bundle adjustment found no solution");
+    return Unrefined(bundle, "the bundle adjustment found no solution");
   }
   impl_->CompareIfDue();
   std::vector<ViewPose>& refined = impl_->refined;
   const std::vector<ViewPose> free = ResectViews(bundle, impl_->state.camera, fixed);
   std::copy(free.begin(), free.end(), refined.begin() + static_cast<std::ptrdiff_t>(fixed));
-  PoseRefinement result = JudgeRefinement(bundle, ids, received, refined, impl_->state, impl_->options, impl_->changed);
+  PoseRefinement result = JudgeRefinement(bundle, refined, impl_->state, impl_->options, impl_->changed);
   result.checks.contradiction = MeasureContradiction(bundle, scale);
   if (impl_->stamped) result.checks.stamp_offset_s = FindStampOffset(bundle);
-  result.checks.has_camera_errors = result.has_camera_errors;
-  if (result.has_camera_errors || impl_->state.bundles >= kSureBundles) result.checks.camera_errors = result.camera;
+  if (!result.checks.has_camera_errors && impl_->state.bundles < kSureBundles) result.checks.camera_errors.reset();
   impl_->changed = result.changed;
   const Similarity received_from_refined =
       FitSimilarity(bundle.poses, bundle.received, bundle.size(), TypicalDepth(bundle), scale);
   if (result.changed) {
     result.scale = received_from_refined.scale;
-    const std::vector<ViewPose> all_placed = Moved(received_from_refined, refined);
-    for (size_t i = 0; i < bundle.size(); ++i) {
-      const ViewPose& placed = all_placed[i];
-      result.poses[i].cam_from_received = ToRigidTransform({placed.rotation, placed.centre + bundle.origin});
-    }
+    SetPoses(bundle, refined, Moved(received_from_refined, refined), &result);
   } else {
     // As long as received poses are used the two worlds stay one.
     ++impl_->world;
@@ -366,6 +308,6 @@ PoseRefinement PoseRefiner::Refine() {
 
 void PoseRefiner::Reset() { impl_ = std::make_unique<Impl>(impl_->options); }
 
-size_t PoseRefiner::size() const { return impl_->keyframes.size(); }
+size_t PoseRefiner::size() const { return impl_->bundle.size(); }
 
 }  // namespace acmp

@@ -67,8 +67,8 @@ std::string Describe(const PoseRefinement& refinement, const PinholeCamera& came
   if (refinement.bent) {
     message += "; those received come from an adjustment that took the camera for an ideal one: it has bent the scene";
   }
-  if (!refinement.has_camera_errors) return message;
-  const CameraErrors& errors = refinement.camera;
+  if (!refinement.checks.has_camera_errors) return message;
+  const CameraErrors& errors = *refinement.checks.camera_errors;
   std::snprintf(
       text, sizeof(text),
       "; calibration leaves radial distortion k1 = %.4f, k2 = %.4f (%.1f px at the corner), rows are read out "
@@ -241,7 +241,7 @@ std::optional<Lens> RefineScenePoses(const ReconstructPlan& plan, const Reconstr
                                                      options.pose_refinement, frees, [&] { interrupt.Check(); });
   const SceneImage first = scene->images[static_cast<size_t>(plan.images.front().index)];
   std::optional<Lens> found;
-  if (refinement.has_camera_errors && frees) found = FoundLens(first, refinement.camera);
+  if (refinement.checks.has_camera_errors && frees) found = FoundLens(first, *refinement.checks.camera_errors);
   bool is_one = true;
   for (const RefinedPose& pose : refinement.poses) {
     SceneImage& image = scene->images[static_cast<size_t>(pose.id)];
@@ -250,7 +250,7 @@ std::optional<Lens> RefineScenePoses(const ReconstructPlan& plan, const Reconstr
     if (!refinement.changed) continue;
     MoveFile(pose, scene);
     image.readout = pose.readout;
-    if (found) image.distortion = (is_first ? *found : FoundLens(image, refinement.camera)).distortion();
+    if (found) image.distortion = (is_first ? *found : FoundLens(image, *refinement.checks.camera_errors)).distortion();
   }
   progress->Note(Describe(refinement, first.camera, frees));
   return is_one ? found : std::nullopt;

@@ -117,18 +117,6 @@ TEST(MapRepose, OthersMoveRigidlyWithTheNearestEarlierNamedKeyframe) {
   ExpectPath(store, {Pose(0, 10), Pose(1, 10), Pose(2, 10), Pose(3, 1), Pose(4, 1), Pose(5, 1), Pose(6, 1)});
 }
 
-TEST(MapRepose, DoesNotDependOnWhetherThePathOrTheKeyframeComesFirst) {
-  const std::vector<StampedPose> path = {{kSecond, Pose(1, 10)}, {3 * kSecond, Pose(0, 20, 1)}};
-  MapStore after({10, 0.1}), before({10, 0.1});
-  AddKeyframes(&after, 5);
-  after.Repose(path);
-  before.Repose(path);
-  AddKeyframes(&before, 5);
-  std::vector<RigidTransform> expected;
-  for (const StampedPose& pose : after.Path()) expected.push_back(pose.pose);
-  ExpectPath(before, expected);
-}
-
 TEST(MapRepose, TheSamePathIsFree) {
   MapStore store({10, 0.1});
   AddKeyframes(&store, 3);

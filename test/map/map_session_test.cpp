@@ -1,11 +1,10 @@
 // A map that another one takes over.
 
-#include <cstring>
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/map/map_store.h"
+#include "map/room_keyframes.h"
 #include "support/error_text.h"
 
 namespace acmp::test {
@@ -50,16 +49,6 @@ void Fill(MapStore* store) {
   store->Repose({{0, Shifted(1, 7)}, {kSecond, Shifted(3.1, 7)}});
 }
 
-void ExpectSameBytes(const PointCloud& a, const PointCloud& b) {
-  ASSERT_EQ(a.size(), b.size());
-  for (size_t i = 0; i < a.size(); ++i) {  // not the padding
-    EXPECT_EQ(std::memcmp(&a[i].position, &b[i].position, sizeof(Vec3f)), 0);
-    EXPECT_EQ(std::memcmp(&a[i].normal, &b[i].normal, sizeof(Vec3f)), 0);
-    EXPECT_EQ(std::memcmp(&a[i].color, &b[i].color, sizeof(Rgb)), 0);
-    EXPECT_EQ(a[i].confidence, b[i].confidence);
-  }
-}
-
 void ExpectSamePath(const std::vector<StampedPose>& a, const std::vector<StampedPose>& b) {
   ASSERT_EQ(a.size(), b.size());
   for (size_t i = 0; i < a.size(); ++i) {
@@ -80,7 +69,7 @@ TEST(MapSession, AnEmptyMapBecomesWhatTheOtherWas) {
   for (const double voxel_size : {kSessionVoxel, 0.0}) {
     MapStore loaded({10, voxel_size});
     loaded.Join(session, RigidTransform::Identity());
-    ExpectSameBytes(loaded.WorldCloud().points, store.WorldCloud().points);
+    EXPECT_TRUE(SameBytes(loaded.WorldCloud().points, store.WorldCloud().points));
     ExpectSamePath(loaded.Path(), store.Path());
     EXPECT_EQ(loaded.statistics().points, store.statistics().points);
     EXPECT_EQ(loaded.statistics().voxel_size, kSessionVoxel);
@@ -221,7 +210,7 @@ TEST(MapSession, AllOrNothing) {
               }),
               HasAll("4 keyframes, and 1 are in the map", "max_keyframes = 4"));
   EXPECT_EQ(store.version(), version);
-  ExpectSameBytes(store.WorldCloud().points, before);
+  EXPECT_TRUE(SameBytes(store.WorldCloud().points, before));
   EXPECT_EQ(refusal([](auto*) {}), "no error");
 }
 

@@ -1,11 +1,26 @@
 #pragma once
 
+#include <algorithm>
+#include <cstring>
 #include <memory>
 #include <vector>
 
 #include "acmp_mapping/fusion/voxel_map.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
+
+namespace acmp {
+
+/// All fields of all points, without padding.
+inline bool SameBytes(const PointCloud& a, const PointCloud& b) {
+  return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](const auto& p, const auto& q) {
+           return std::memcmp(&p.position, &q.position, sizeof(Vec3f)) == 0 && p.confidence == q.confidence &&
+                  std::memcmp(&p.normal, &q.normal, sizeof(Vec3f)) == 0 &&
+                  std::memcmp(&p.color, &q.color, sizeof(Rgb)) == 0;
+         });
+}
+
+}  // namespace acmp
 
 namespace acmp::test {
 

@@ -124,14 +124,6 @@ TEST(CaptureWindowTest, ACompanionThatCannotBeUsedIsToldAndLeftOut) {
   EXPECT_THROW(harness.mapper.AddCapture({{WallFrame(4, 0)}, {WallFrame(4, 1)}}), InvalidInputError) << "ids ascend";
 }
 
-TEST(CaptureWindowTest, WithoutAKeyframeAllAreSourceViewsAlone) {
-  CaptureHarness harness(FakeOptions(6, 1));
-  harness.mapper.AddCapture({{}, {WallFrame(0, 0), WallFrame(1, kRigBaseline)}});
-  EXPECT_THAT(harness.TakeEvents(), IsEmpty());
-  EXPECT_THAT(harness.Add(WallFrame(2, 0.5)), ElementsAre("fast 2"));
-  EXPECT_THAT(harness.SourcesOf("photometric", 2), UnorderedElementsAre(0, 1));
-}
-
 TEST(CaptureWindowTest, CompanionsMoveRigidlyWithTheRefinedPose) {
   KeyframeWindow window({});
   const WindowCapture added = window.Add(WallPair(0, 1));

@@ -161,6 +161,7 @@ TEST(DenseMapperPropertyTest, EveryKeyframeEndsExactlyOnce) {
     account.Book(harness.Reset());
     EXPECT_EQ(account.ended, account.added);
     EXPECT_EQ(account.ended.size(), 40u);
+    for (const auto& frame : frames) EXPECT_TRUE(frame.expired());
     for (const KeyframeDrop& drop : harness.drops) EXPECT_FALSE(drop.message.empty()) << drop.reason;
   }
 }

@@ -22,36 +22,29 @@ using ::testing::Not;
 using ::testing::SizeIs;
 using ::testing::UnorderedElementsAre;
 
-TEST(DenseMapperTest, FirstKeyframesWaitThenEachComesAtOnce) {
-  MapperHarness harness(FakeOptions(6, 2));
-  EXPECT_THAT(harness.Add(WallFrame(0)), IsEmpty());
-  EXPECT_THAT(harness.Add(WallFrame(1)), IsEmpty());
-  EXPECT_THAT(harness.Add(WallFrame(2)), ElementsAre("fast 0", "fast 1", "fast 2", "refined 0"));
-  EXPECT_THAT(harness.Add(WallFrame(3)), ElementsAre("fast 3", "refined 1"));
-  EXPECT_THAT(harness.Add(WallFrame(4)), ElementsAre("fast 4", "refined 2"));
-  EXPECT_THAT(harness.Flush(), ElementsAre("refined 3", "refined 4"));
-  EXPECT_THAT(harness.Flush(), IsEmpty());
-}
-
+/// The first keyframes wait for each other, then each comes at once, and its refinement `lookahead` keyframes later.
+/// With the largest lookahead that is just before it would leave the window.
 TEST(DenseMapperTest, LookaheadDecidesWhenRefinementComes) {
-  MapperHarness causal(FakeOptions(4, 0));
-  causal.Add(WallFrame(0));
-  causal.Add(WallFrame(1));
-  EXPECT_THAT(causal.Add(WallFrame(2)),
-              ElementsAre("fast 0", "fast 1", "fast 2", "refined 0", "refined 1", "refined 2"));
-  EXPECT_THAT(causal.Add(WallFrame(3)), ElementsAre("fast 3", "refined 3"));
-
-  MapperHarness one(FakeOptions(4, 1));
-  one.Add(WallFrame(0));
-  one.Add(WallFrame(1));
-  EXPECT_THAT(one.Add(WallFrame(2)), ElementsAre("fast 0", "fast 1", "fast 2", "refined 0", "refined 1"));
-  EXPECT_THAT(one.Add(WallFrame(3)), ElementsAre("fast 3", "refined 2"));
-
-  // The largest lookahead: a keyframe is refined just before it would leave the window.
-  MapperHarness three(FakeOptions(4, 3));
-  for (int id = 0; id < 3; ++id) three.Add(WallFrame(id));
-  EXPECT_THAT(three.Add(WallFrame(3)), ElementsAre("fast 3", "refined 0"));
-  EXPECT_THAT(three.Add(WallFrame(4)), ElementsAre("fast 4", "refined 1"));
+  using Events = std::vector<std::string>;
+  const std::vector<std::vector<Events>> expected = {
+      // by lookahead, from the third keyframe on
+      {{"fast 0", "fast 1", "fast 2", "refined 0", "refined 1", "refined 2"}, {"fast 3", "refined 3"}},
+      {{"fast 0", "fast 1", "fast 2", "refined 0", "refined 1"}, {"fast 3", "refined 2"}},
+      {{"fast 0", "fast 1", "fast 2", "refined 0"}, {"fast 3", "refined 1"}, {"fast 4", "refined 2"}},
+      {{"fast 0", "fast 1", "fast 2"}, {"fast 3", "refined 0"}, {"fast 4", "refined 1"}}};
+  for (size_t lookahead = 0; lookahead < expected.size(); ++lookahead) {
+    MapperHarness harness(FakeOptions(4, static_cast<int>(lookahead)));
+    EXPECT_THAT(harness.Add(WallFrame(0)), IsEmpty());
+    EXPECT_THAT(harness.Add(WallFrame(1)), IsEmpty());
+    for (size_t i = 0; i < expected[lookahead].size(); ++i) {
+      EXPECT_EQ(harness.Add(WallFrame(static_cast<int64_t>(i) + 2)), expected[lookahead][i]) << lookahead;
+    }
+    if (lookahead == 2) {
+      EXPECT_THAT(harness.Flush(), ElementsAre("refined 3", "refined 4"));
+    }
+    harness.Flush();
+    EXPECT_THAT(harness.Flush(), IsEmpty());
+  }
 }
 
 TEST(DenseMapperTest, InitialEstimateIsCausalAndRefinementSeesBothSides) {

@@ -55,19 +55,6 @@ TEST(DenseMapperSourceImageTest, IsMatchedAgainstAndGetsNoMaps) {
   EXPECT_THAT(harness.Flush(), IsEmpty());
 }
 
-TEST(DenseMapperSourceImageTest, ComesAfterKeyframesWithMaps) {
-  DenseMapperOptions options = FakeOptions(8, 0);
-  options.source_views.max_source_views = 3;
-  MapperHarness harness(options);
-  harness.Add(WallFrame(0, 0));
-  harness.Add(WallFrame(1, 0.1));
-  for (int id = 2; id < 6; ++id) harness.AddSourceImage(WallFrame(id, 0.1 + 0.35 * (id - 1)));
-  harness.Add(WallFrame(6, 0.2));
-  const std::vector<int64_t>& sources = harness.engine.calls.back().sources;
-  ASSERT_THAT(sources, SizeIs(3));
-  EXPECT_THAT((std::vector<int64_t>{sources[0], sources[1]}), UnorderedElementsAre(0, 1));
-}
-
 TEST(DenseMapperResetTest, AccountsForEverythingAndForgetsIt) {
   MapperHarness harness(FakeOptions(6, 2));
   for (int id = 10; id <= 13; ++id) harness.Add(WallFrame(id));
@@ -226,20 +213,6 @@ TEST(DenseMapperFailureTest, BadFramesAreRefusedAndNeverBecomeSources) {
   harness.Add(WallFrame(++id, 0.5));
   EXPECT_THAT(harness.Add(WallFrame(++id, 1.0)), testing::Contains(Concat("fast ", id)));
   EXPECT_THAT(CallsOf(harness.engine, "photometric", id)[0].sources, UnorderedElementsAre(0, id - 1));
-}
-
-TEST(DenseMapperEvictionTest, KeepsNothingButTheWindow) {
-  MapperHarness harness(FakeOptions(4, 2));
-  harness.keep_maps = false;
-  std::vector<std::weak_ptr<const Frame>> frames;
-  for (int id = 0; id < 30; ++id) {
-    FramePtr frame = WallFrame(id);
-    frames.push_back(frame);
-    harness.Add(std::move(frame));
-    for (int old = 0; old < id - 3; ++old) EXPECT_TRUE(frames[old].expired()) << old << " at " << id;
-  }
-  harness.Reset();
-  for (const auto& frame : frames) EXPECT_TRUE(frame.expired());
 }
 
 TEST(DenseMapperEvictionTest, RefinesOrDropsWhatLeavesAShrunkenWindow) {

@@ -23,23 +23,10 @@ using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 using ::testing::StartsWith;
 
-/// The synthetic room with the poses that a frontend gives.
-std::shared_ptr<Frame> RoomFrame(size_t i, const RigidTransform& received) {
-  const Frame& view = Room()[i].frame;
-  auto frame = std::make_shared<Frame>();
-  frame->id = static_cast<int64_t>(i);
-  frame->stamp_s = 100 + 0.2 * static_cast<double>(i);
-  frame->camera = view.camera;
-  frame->cam_from_world = received;
-  frame->gray = view.gray.Clone();
-  frame->landmarks_in_world = view.landmarks_in_world;
+std::shared_ptr<Frame> WithLandmarks(size_t i, const RigidTransform& received) {
+  auto frame = std::make_shared<Frame>(RoomFrame(i, received));
+  frame->landmarks_in_world = Room()[i].frame.landmarks_in_world;
   return frame;
-}
-
-std::vector<RigidTransform> TruePoses() {
-  std::vector<RigidTransform> poses;
-  for (const SyntheticView& view : Room()) poses.push_back(view.frame.cam_from_world);
-  return poses;
 }
 
 struct RoomMap {
@@ -50,7 +37,7 @@ struct RoomMap {
 /// Maps the room while images are received; the harness keeps what came.
 void Feed(const std::vector<RigidTransform>& received, MapperHarness* harness) {
   for (size_t i = 0; i < received.size(); ++i) {
-    harness->Add(RoomFrame(i, received[i]));
+    harness->Add(WithLandmarks(i, received[i]));
   }
 }
 
@@ -253,7 +240,7 @@ TEST(RefinedPosesTest, AContradictionEndsWhereTheCameraStands) {
   const size_t last = received.size() - 1;
   for (size_t i = 0; i < kContradictionImages; ++i) {
     EXPECT_GT(harness.mapper.pose_checks().contradiction.value_or(0), 0.02) << i;
-    const std::shared_ptr<Frame> frame = RoomFrame(last, received[last]);
+    const std::shared_ptr<Frame> frame = WithLandmarks(last, received[last]);
     frame->id += static_cast<int64_t>(i) + 1;
     frame->stamp_s += 0.2 * static_cast<double>(i + 1);
     harness.Add(frame);
@@ -316,7 +303,7 @@ void Feed(const Stand& stand, MapperHarness* harness) {
   for (size_t k = 0; k < images.size(); ++k) {
     const size_t i = images[k];
     const bool is_standing = k >= stand.before && k < stand.before + stand.standing;
-    const std::shared_ptr<Frame> frame = RoomFrame(i, is_standing ? errors.Perturbed(truth[i]) : truth[i]);
+    const std::shared_ptr<Frame> frame = WithLandmarks(i, is_standing ? errors.Perturbed(truth[i]) : truth[i]);
     frame->id = static_cast<int64_t>(k);
     frame->stamp_s = 100 + 0.2 * static_cast<double>(k);
     for (float& value : frame->gray) value = std::clamp(value + static_cast<float>(random() % 7) - 3, 0.0f, 255.0f);

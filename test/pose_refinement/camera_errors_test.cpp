@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/pose_refinement/pose_refiner.h"
-#include "bundle_adjustment.h"
+#include "bundle.h"
 #include "pose_scene.h"
 
 namespace acmp {
@@ -17,13 +17,7 @@ const CameraErrors kStrong = {0.3, 0, 0};          // what a window of this walk
 
 /// A walk through the room.
 const std::vector<SyntheticView>& Walk() {
-  static const std::vector<SyntheticView> views = [] {
-    SyntheticSceneOptions options;
-    options.width = 320;
-    options.height = 240;
-    options.keyframes = kLongWalk;
-    return MakeSyntheticScene(options);
-  }();
+  static const std::vector<SyntheticView> views = WalkThroughRoom(kLongWalk);
   return views;
 }
 
@@ -32,20 +26,16 @@ class CameraErrorsTest : public ::testing::Test {
   CameraErrorsTest() {
     for (size_t i = 0; i < kLongWalk; ++i) {
       const Frame& frame = Walk()[i].frame;
-      truth_.cameras.push_back(frame.camera);
-      truth_.received.push_back(ToViewPose(frame.cam_from_world));
-      truth_.times.push_back(static_cast<double>(i));
+      truth_.Add(static_cast<int64_t>(i), static_cast<double>(i), frame.camera, frame.cam_from_world);
     }
-    truth_.poses = truth_.expected = truth_.received;
-    truth_.motions.resize(kLongWalk);
+    truth_.expected = truth_.received;
     motions_ = MotionsOf(truth_);
   }
 
   /// Where the camera sees what an ideal one sees at a pixel.
   Eigen::Vector2d Seen(size_t view, const Eigen::Vector2d& ideal, double depth) const {
-    const PixelErrors errors = PixelErrorsAt(truth_.cameras[view], ideal, truth_.poses[view], motions_[view],
-                                             truth_.cameras[view].Unproject(ideal), 1 / depth);
-    return ideal + errors.by_parameter * Eigen::Vector3d(errors_.k1, errors_.k2, errors_.readout);
+    return ideal + PixelErrorsAt(truth_, motions_, view, ideal, truth_.cameras[view].Unproject(ideal), 1 / depth) *
+                       ToVector(errors_);
   }
 
   GrayImage ImageWithErrors(size_t view) const {
@@ -68,26 +58,9 @@ class CameraErrorsTest : public ::testing::Test {
     return image;
   }
 
-  std::vector<RigidTransform> TruePoses() const {
-    std::vector<RigidTransform> poses;
-    for (const ViewPose& pose : truth_.poses) poses.push_back(ToRigidTransform(pose));
-    return poses;
-  }
-
   PoseRefinement RefineAll(const std::vector<RigidTransform>& received, RefinePoses refine) const {
-    std::vector<PosedImage> images;
-    for (size_t i = 0; i < kViews; ++i) {
-      PosedImage image;
-      image.id = static_cast<int64_t>(i);
-      image.camera = truth_.cameras[i];
-      image.cam_from_world = received[i];
-      image.depth_range = kRoomRange;
-      for (size_t gap : {2, 1, 3}) {
-        if (i >= gap) image.sources.push_back(static_cast<int>(i - gap));
-        if (i + gap < kViews) image.sources.push_back(static_cast<int>(i + gap));
-      }
-      images.push_back(std::move(image));
-    }
+    std::vector<PosedImage> images = ImagesOf(Walk(), kViews);
+    for (size_t i = 0; i < kViews; ++i) images[i].cam_from_world = received[i];
     const auto load = [this](size_t i) { return ImagePixels{ImageWithErrors(i), {}}; };
     return RefineImagePoses(images, load, {refine});
   }
@@ -153,11 +126,11 @@ class CameraErrorsTest : public ::testing::Test {
 };
 
 TEST_F(CameraErrorsTest, PosesThatAreReplacedAreThoseOfFreedImages) {
-  const std::vector<RigidTransform> truth = TruePoses();
+  const std::vector<RigidTransform> truth = TruePoses(Walk());
   const PoseRefinement result = RefineAll(truth, RefinePoses::kOn);
   ASSERT_TRUE(result.changed) << result.reason;
-  ASSERT_TRUE(result.has_camera_errors);
-  EXPECT_NEAR(result.camera.readout, kErrors.readout, 0.03);
+  ASSERT_TRUE(result.checks.has_camera_errors);
+  EXPECT_NEAR(result.checks.camera_errors->readout, kErrors.readout, 0.03);
   // Twice what corners at 320 x 240 leave of exact poses without such errors.
   const MotionErrors errors = CompareMotions(PosesOf(result.poses), truth);
   EXPECT_LT(errors.rotation_deg, 0.1);
@@ -168,9 +141,9 @@ TEST_F(CameraErrorsTest, PosesThatAreReplacedAreThoseOfFreedImages) {
 }
 
 TEST_F(CameraErrorsTest, RightPosesStayThoughTheCameraHasErrors) {
-  const std::vector<RigidTransform> truth = TruePoses();
+  const std::vector<RigidTransform> truth = TruePoses(Walk());
   const PoseRefinement result = RefineAll(truth, RefinePoses::kAuto);
-  EXPECT_TRUE(result.has_camera_errors);
+  EXPECT_TRUE(result.checks.has_camera_errors);
   EXPECT_FALSE(result.changed);
   for (size_t i = 0; i < kViews; ++i) {
     EXPECT_TRUE(SameBits(result.poses[i].cam_from_world, truth[i])) << i;
@@ -178,10 +151,18 @@ TEST_F(CameraErrorsTest, RightPosesStayThoughTheCameraHasErrors) {
   }
 }
 
+TEST_F(CameraErrorsTest, ASetOfImagesTellsBentPosesAndReplacesThem) {
+  errors_ = kStrong;
+  const PoseRefinement result = RefineAll(BentPoses(), RefinePoses::kAuto);
+  EXPECT_TRUE(result.bent);
+  EXPECT_TRUE(result.changed) << result.reason;
+  EXPECT_NEAR(result.checks.camera_errors->k1, kStrong.k1, 0.1 * kStrong.k1);
+}
+
 TEST_F(CameraErrorsTest, AWindowTellsBentPosesAndReplacesThem) {
   errors_ = kStrong;
   const PoseRefinement result = RefineOnline(BentPoses());
-  EXPECT_TRUE(result.has_camera_errors);
+  EXPECT_TRUE(result.checks.has_camera_errors);
   EXPECT_TRUE(result.bent);
   EXPECT_TRUE(result.changed) << result.reason;
   ASSERT_TRUE(result.checks.camera_errors);
@@ -190,8 +171,8 @@ TEST_F(CameraErrorsTest, AWindowTellsBentPosesAndReplacesThem) {
 
 TEST_F(CameraErrorsTest, AWindowLeavesRightPosesThoughTheCameraHasErrors) {
   errors_ = kStrong;
-  const PoseRefinement result = RefineOnline(TruePoses());
-  EXPECT_TRUE(result.has_camera_errors);
+  const PoseRefinement result = RefineOnline(TruePoses(Walk()));
+  EXPECT_TRUE(result.checks.has_camera_errors);
   EXPECT_FALSE(result.bent);
   EXPECT_FALSE(result.changed);
 }

@@ -15,27 +15,12 @@ using ::testing::HasSubstr;
 
 class PoseRefinerTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    for (const SyntheticView& view : Room()) truth_.push_back(view.frame.cam_from_world);
-    received_ = truth_;
-    options_.corners = 250;
-  }
-
   void Perturb(double rotation_deg, double position) {
     PoseErrors errors(rotation_deg, position);
     for (RigidTransform& pose : received_) pose = errors.Perturbed(pose);
   }
 
-  Frame FrameOf(size_t i) const {
-    const Frame& view = Room()[i].frame;
-    Frame frame;
-    frame.id = static_cast<int64_t>(i);
-    frame.stamp_s = 100 + 0.2 * static_cast<double>(i);
-    frame.camera = view.camera;
-    frame.cam_from_world = received_[i];
-    frame.gray = view.gray.Clone();
-    return frame;
-  }
+  Frame FrameOf(size_t i) const { return RoomFrame(i, received_[i]); }
 
   /// Feeds the room. Returns what Refine gave after each keyframe.
   std::vector<PoseRefinement> Run(PoseRefiner* refiner, size_t window = 8) {
@@ -54,7 +39,8 @@ class PoseRefinerTest : public ::testing::Test {
     return window;
   }
 
-  std::vector<RigidTransform> truth_, received_;
+  const std::vector<RigidTransform> truth_ = TruePoses();
+  std::vector<RigidTransform> received_ = truth_;
   PoseRefinementOptions options_;
 };
 

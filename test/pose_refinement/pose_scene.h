@@ -11,38 +11,52 @@
 
 namespace acmp {
 
-/// The synthetic room, rendered once.
+/// A walk through the synthetic room, 320 x 240 px.
+inline std::vector<SyntheticView> WalkThroughRoom(int keyframes) { return MakeSyntheticScene({320, 240, keyframes}); }
+
+/// Rendered once.
 inline const std::vector<SyntheticView>& Room() {
-  static const std::vector<SyntheticView> views = [] {
-    SyntheticSceneOptions options;
-    options.width = 320;
-    options.height = 240;
-    options.keyframes = 14;
-    return MakeSyntheticScene(options);
-  }();
+  static const std::vector<SyntheticView> views = WalkThroughRoom(14);
   return views;
 }
 
 constexpr DepthRange kRoomRange = {0.3f, 12.0f};
 
-/// The room's images with their exact poses. Every image is matched with the three before and after it.
-inline std::vector<PosedImage> RoomImages() {
+/// The first images of a walk with their exact poses. Every image is matched with the three before and after it.
+inline std::vector<PosedImage> ImagesOf(const std::vector<SyntheticView>& views, size_t count) {
   std::vector<PosedImage> images;
-  const int count = static_cast<int>(Room().size());
-  for (int i = 0; i < count; ++i) {
-    const Frame& frame = Room()[static_cast<size_t>(i)].frame;
+  for (size_t i = 0; i < count; ++i) {
+    const Frame& frame = views[i].frame;
     PosedImage image;
-    image.id = i;
+    image.id = static_cast<int64_t>(i);
     image.camera = frame.camera;
     image.cam_from_world = frame.cam_from_world;
     image.depth_range = kRoomRange;
-    for (int gap : {2, 1, 3}) {
-      if (i - gap >= 0) image.sources.push_back(i - gap);
-      if (i + gap < count) image.sources.push_back(i + gap);
+    for (size_t gap : {2, 1, 3}) {
+      if (i >= gap) image.sources.push_back(static_cast<int>(i - gap));
+      if (i + gap < count) image.sources.push_back(static_cast<int>(i + gap));
     }
     images.push_back(std::move(image));
   }
   return images;
+}
+
+/// An image of the room with the pose that a frontend gives; five in a second.
+inline Frame RoomFrame(size_t i, const RigidTransform& received) {
+  const Frame& view = Room()[i].frame;
+  Frame frame;
+  frame.id = static_cast<int64_t>(i);
+  frame.stamp_s = 100 + 0.2 * static_cast<double>(i);
+  frame.camera = view.camera;
+  frame.cam_from_world = received;
+  frame.gray = view.gray.Clone();
+  return frame;
+}
+
+inline std::vector<RigidTransform> TruePoses(const std::vector<SyntheticView>& views = Room()) {
+  std::vector<RigidTransform> poses;
+  for (const SyntheticView& view : views) poses.push_back(view.frame.cam_from_world);
+  return poses;
 }
 
 inline ImagePixels RoomPixels(size_t i) { return {Room()[i].frame.gray.Clone(), {}}; }

@@ -39,7 +39,7 @@ class RefineImagePosesTest : public ::testing::Test {
   }
 
   PoseRefinementOptions options_;
-  std::vector<PosedImage> images_ = RoomImages();
+  std::vector<PosedImage> images_ = ImagesOf(Room(), Room().size());
   const std::vector<RigidTransform> truth_ = PosesOf(images_);
 };
 
@@ -59,6 +59,8 @@ TEST_F(RefineImagePosesTest, ExactPosesStayBitByBit) {
   ExpectUnchanged(result);
   EXPECT_LT(result.received_fit.median_px, 0.3);
   EXPECT_GT(result.received_fit.matches, 500);
+  EXPECT_FALSE(result.bent || result.checks.has_camera_errors);
+  EXPECT_NEAR(result.checks.camera_errors->readout, 0, 0.03);
 }
 
 TEST_F(RefineImagePosesTest, OnRefinesEvenGoodPosesWithLittleHarm) {

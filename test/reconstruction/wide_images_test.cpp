@@ -118,7 +118,7 @@ TEST_F(WideImagesTest, CanStayOnePinholeImageEach) {
 
 using WideSceneFiles = TestFolder;
 
-/// What faces bring is tested of the mapper; here only that they keep together, whatever the maps.
+/// Whatever the maps.
 TEST_F(WideSceneFiles, FacesOfRefinedPosesMoveAsOne) {
   SyntheticSceneOptions scene;
   scene.width = scene.height = 160;

@@ -276,6 +276,8 @@ class MapStore {
   bool IsOfLastRun(const KeyframeKey& key) const;
   void CheckCanJoin(const MapSession& session) const;
   double VoxelSize() const { return options_.voxel_size > 0 ? options_.voxel_size : auto_voxel_size_; }
+  /// @param added not in the map yet
+  Keyframe& Insert(SessionKeyframe added, double reach);
   void StartRun(const std::string& mapper, uint64_t run);
   ReposeResult ApplyPath();
   void Evict();

@@ -14,13 +14,6 @@
 
 namespace acmp {
 
-/// How the camera moved while an image was taken.
-struct CameraMotion {
-  Eigen::Vector3d angular = Eigen::Vector3d::Zero();  ///< rad/s, axes of the camera: cam_from_world(t) =
-                                                      ///< exp(t angular) cam_from_world
-  Eigen::Vector3d linear = Eigen::Vector3d::Zero();   ///< of the camera's centre, scene units/s, axes of the world
-};
-
 struct RefinedPose {
   int64_t id = 0;
   /// In the world of the refined poses; the received one, bit by bit, unless `changed`.
@@ -39,28 +32,21 @@ struct PoseRefinement {
   std::string reason;    ///< why poses stay as they are; empty when they change
   PoseFit received_fit;  ///< of all images
   PoseFit refined_fit;
-  double rotation_correction = 0;  ///< rad about each axis, root mean square over all images; also where poses stay
-  double position_correction = 0;  ///< scene units along each axis
   /// Length in the world of the received poses of what is 1 in that of the refined ones. A sliding window carries its
   /// own scale on, which then does not wander as a monocular frontend's does.
   double scale = 1;
   /// Of a sliding window: which world refined poses are in. Another number: they began again from received ones.
   uint64_t world = 0;
-  PoseChecks checks;  ///< of sliding windows only
-  CameraErrors camera;
-  /// Clearly: they explain held-out matches better than any poses of a camera without errors.
-  bool has_camera_errors = false;
+  PoseChecks checks;  ///< of sliding windows; of sets of images the camera's errors alone
   /// Received poses: a bundle adjustment that took a camera with errors for one without has adjusted them.
   bool bent = false;
   int landmarks = 0;               ///< that took part
-  int sightings = 0;               ///< of these in other images than their own
   std::vector<RefinedPose> poses;  ///< in the order of the images
 };
 
 /// An image of a set, as RefineImagePoses takes it.
 struct PosedImage {
   int64_t id = 0;
-  double stamp_s = 0;  ///< 0: unknown
   PinholeCamera camera;
   RigidTransform cam_from_world = RigidTransform::Identity();
   DepthRange depth_range;    ///< where its landmarks are looked for

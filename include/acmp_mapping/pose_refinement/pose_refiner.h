@@ -1,6 +1,8 @@
 #pragma once
 
 #include <memory>
+#include <optional>
+#include <vector>
 
 #include "acmp_mapping/pose_refinement/pose_refinement.h"
 
@@ -19,8 +21,7 @@ class PoseRefiner {
   /// place landmarks have no depth, and the window would forget those that have one. Throws InvalidInputError for a bad
   /// pose, camera or range, and for an id or (where there are stamps) a stamp that does not ascend.
   /// @param range where new landmarks are looked for
-  /// @param motion while the image was taken; none: from the neighbouring keyframes
-  bool Add(const Frame& frame, const DepthRange& range, const std::optional<CameraMotion>& motion = std::nullopt);
+  bool Add(const Frame& frame, const DepthRange& range);
 
   /// Forgets the oldest keyframe and the landmarks first seen there. Throws InvalidInputError where there is none.
   void RemoveOldest();
@@ -39,5 +40,15 @@ class PoseRefiner {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+/// Depth range of a frame of which no landmarks are known: corners are looked for in other frames along their rays, and
+/// the depths found give the range as those of landmarks do (DepthRangeFromLandmarks). None while too few are found, or
+/// while most of them hardly move between the frames: the camera has not moved sideways far enough.
+///
+/// Tries the first of the others, then the first two, four and eight: what is near the camera is seen only by those
+/// that are near as well.
+/// @param others nearest first; at most 8 are of use; their poses are the received ones
+std::optional<DepthRange> DepthRangeFromMatches(const Frame& frame, const std::vector<FramePtr>& others,
+                                                const DepthRangeOptions& options);
 
 }  // namespace acmp
