@@ -272,6 +272,7 @@ class ConvertCalibration(unittest.TestCase):
                 (VINS.replace("PINHOLE", "MEI"), "gamma1 is missing"),
                 (VINS.replace("fx: 458.654, ", ""), "projection_parameters: fx is missing"),
                 (VINS.replace("458.654", "large"), "fx = 'large': must be a number"),
+                (KALIBR.replace("458.654", ".nan"), "intrinsics = nan: must be a number"),
                 (VINS.replace("image_width: 752", "image_width: 300"), "principal point (367.215, 248.375)"),
                 (ORB_SLAM3.replace("PinHole", "Sphere"), "Camera.type 'Sphere'"),
                 (KALIBR.replace("camera_model: pinhole", "camera_model: ds"), "distortion_model 'radtan' of camera_model ds"),
