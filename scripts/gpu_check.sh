@@ -24,6 +24,7 @@ bundle() {
   ninja -C "$build" $(basename -a $programs)
   mkdir -p "$folder/bin" "$folder/lib" "$folder/scenes"
   cp "$0" "$folder/"
+  # shellcheck disable=SC2086
   (cd "$build" && cp $programs "$folder/bin/")
   # Everything but glibc's own libraries and the driver's, which must be the GPU machine's.
   ldd "$folder"/bin/* | awk '$3 ~ /^\// && $1 !~ /^(lib(c|m|pthread|dl|rt|cuda)\.so|ld-linux)/ {print $3}' | sort -u |
