@@ -143,7 +143,8 @@ class CudaPasses : public CudaTransfers {
   }
 
  protected:
-  /// Queues the upload of all elements into `array`, which grows as needed; on the device.
+  /// Queues the upload of all elements, which stay as they are until the stream has been waited for, into `array`,
+  /// which grows as needed; on the device.
   template <class T>
   const T* Uploaded(const std::vector<T>& elements, DeviceArray<T>* array) const {
     array->Reserve(device_, elements.size());
@@ -196,9 +197,9 @@ class CudaPasses : public CudaTransfers {
                                const PatchMatchOptions& options, Pass kind, int geometric_pass,
                                CudaEstimate* estimate) {
     const size_t count = problem.sources.size();
-    std::vector<SourceView> views = MakeSourceViews(match);
-    std::vector<ImageView<const float>> full_depths(count);
-    std::vector<ImageView<const unsigned char>> mask_distances(count);
+    host_views_ = MakeSourceViews(match);
+    host_full_depths_.assign(count, {});
+    host_mask_distances_.assign(count, {});
     CudaMatchContext context = MakeMatchContext<TextureSampler>(match, options, kind, geometric_pass);
     const CudaImage& reference = Cast<CudaImage>(problem.reference.image);
     context.sampler.images = device_->images(level).texture();
@@ -208,20 +209,20 @@ class CudaPasses : public CudaTransfers {
       const EngineView& source = problem.sources[i];
       const CudaImage& image = Cast<CudaImage>(source.image);
       context.sampler.layers[i] = image.Layer(level);
-      mask_distances[i] = image.MaskDistance(level);
-      has_masks |= !mask_distances[i].empty();
+      host_mask_distances_[i] = image.MaskDistance(level);
+      has_masks |= !host_mask_distances_[i].empty();
       if (kind != Pass::kGeometric || !source.estimate) continue;
       const CudaEstimate& maps = Cast<CudaEstimate>(source.estimate);
       CheckSize("estimate of a source view", maps.width, maps.height, match.sources[i].camera);
       if (options.method == Method::kOurs) {
-        views[i].depth = HalvedOf(maps);
+        host_views_[i].depth = HalvedOf(maps);
       } else {
-        full_depths[i] = maps.depth.View();
+        host_full_depths_[i] = maps.depth.View();
       }
     }
-    context.sources = Uploaded(views, &views_);
-    context.full_depths = Uploaded(full_depths, &full_depths_);
-    context.source_mask_distances = has_masks ? Uploaded(mask_distances, &mask_distances_) : nullptr;
+    context.sources = Uploaded(host_views_, &views_);
+    context.full_depths = Uploaded(host_full_depths_, &full_depths_);
+    context.source_mask_distances = has_masks ? Uploaded(host_mask_distances_, &mask_distances_) : nullptr;
     context.mask_distance = reference.MaskDistance(level);
     context.planes = estimate->planes.View();
     context.cost = estimate->cost.View();
@@ -229,6 +230,10 @@ class CudaPasses : public CudaTransfers {
     return context;
   }
 
+  // Of the last context. The first three, as the stream may read them until it has been waited for.
+  std::vector<SourceView> host_views_;
+  std::vector<ImageView<const float>> host_full_depths_;
+  std::vector<ImageView<const unsigned char>> host_mask_distances_;
   DeviceArray<SourceView> views_;
   DeviceArray<ImageView<const float>> full_depths_;
   DeviceArray<ImageView<const unsigned char>> mask_distances_;

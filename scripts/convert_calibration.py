@@ -13,6 +13,7 @@ plumb_bob, rational_polynomial, equidistant, mei (of VINS' MEI and Kalibr's omni
 Exit code 2: what the file lacks.
 """
 import argparse
+import contextlib
 import math
 import re
 import sys
@@ -111,10 +112,10 @@ class Fields:
 
     def number(self, name, default=None):
         value = self[name] if default is None else self.get(name, default)
-        try:
-            return float(value)
-        except (TypeError, ValueError):
-            raise Refused(f"{self.where}{name} = {value!r}: must be a number")
+        with contextlib.suppress(TypeError, ValueError):
+            if math.isfinite(float(value)):
+                return float(value)
+        raise Refused(f"{self.where}{name} = {value!r}: must be a number")
 
     def numbers(self, names, before="", after="", default=None):
         """Of names with spaces between them."""
@@ -198,6 +199,7 @@ def from_orb_slam(content, index):
         **PINHOLES, "rectified": "none", "fisheye": EQUIDISTANT, "kannalabrandt8": EQUIDISTANT,
         EQUIRECTANGULAR: EQUIRECTANGULAR}, "PinHole")
     if kind == EQUIRECTANGULAR:  # the size alone tells the camera: pixels per radian
+        of_one_camera(index)
         focal_length = size[0] / (2 * math.pi)
         return "camera", size, [focal_length, focal_length, size[0] / 2, size[1] / 2], (EQUIRECTANGULAR, [])
     intrinsics = content.numbers("fx fy cx cy", prefix)
@@ -231,7 +233,7 @@ def from_kalibr(content, index):
     if count and plain(distortion) not in others:
         raise Refused(f"{chain.where}distortion_model {distortion!r} of camera_model {chain['camera_model']}: must be "
                       f"{' or '.join(others)}")
-    coefficients = [] if plain(distortion) == "none" else chain.list("distortion_coeffs")
+    coefficients = [] if plain(distortion) == "none" else chain.list("distortion_coeffs", 4 if count else None)
     intrinsics, found = chain.list("intrinsics", count + 4), lens(distortion, coefficients, chain.where)
     if count:
         found = model, intrinsics[:count] + (found[1][:4] if model == MEI else [])

@@ -13,9 +13,10 @@ programs="src/tools/acmp_reconstruct src/tools/acmp_evaluate src/tools/acmp_benc
   test/pipeline/test_pipeline_synthetic test/pipeline/test_masks test/pipeline/test_prior_depth"
 
 bundle() {
-  local source build folder=$1 scene part
+  local source build folder scene part
   source=$(cd "$(dirname "$0")/.." && pwd)
   build=$source/build_gpu
+  folder=$(realpath -m "$1")  # programs are copied from another folder
   shift
   cmake -S "$source" -B "$build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DACMP_ROS=OFF -DACMP_CUDA=ON \
     -DACMP_CUDA_ARCHITECTURES="${ACMP_CUDA_ARCHITECTURES:-90}" > /dev/null
@@ -23,6 +24,7 @@ bundle() {
   ninja -C "$build" $(basename -a $programs)
   mkdir -p "$folder/bin" "$folder/lib" "$folder/scenes"
   cp "$0" "$folder/"
+  # shellcheck disable=SC2086
   (cd "$build" && cp $programs "$folder/bin/")
   # Everything but glibc's own libraries and the driver's, which must be the GPU machine's.
   ldd "$folder"/bin/* | awk '$3 ~ /^\// && $1 !~ /^(lib(c|m|pthread|dl|rt|cuda)\.so|ld-linux)/ {print $3}' | sort -u |

@@ -320,7 +320,7 @@ def decoded(data):
 def run_on_folder(network, images, out):
     """Files for acmp_reconstruct, of all pictures below a folder. Returns how many images have none."""
     names = sorted(path.relative_to(images) for path in Path(images).rglob("*")
-                   if path.suffix.lower() in (".jpg", ".jpeg", ".png"))
+                   if path.suffix.lower() in (".jpg", ".jpeg", ".png") and path.is_file())
     if not names:
         raise Refused(f"{images}: has no .jpg or .png")
     refused, seconds = 0, 0.0

@@ -1,4 +1,3 @@
-
 #include <algorithm>
 #include <cmath>
 
@@ -206,7 +205,7 @@ void ReadPoints(const std::filesystem::path& folder, ColmapModelBuilder* builder
   while (records.Next()) {
     const int64_t id = records.template Integer<uint64_t>("point id");
     Eigen::Vector3d point;
-    for (double& coordinate : point) coordinate = records.Real("point");
+    for (int i = 0; i < 3; ++i) point[i] = records.Real("point");
     records.EndPoint();
     builder->AddPoint(records.Where(), id, point);
   }
@@ -222,8 +221,8 @@ void ReadImages(const std::filesystem::path& folder, ColmapModelBuilder* builder
     const std::string where = records.Where();
     Eigen::Vector4d quaternion;
     Eigen::Vector3d translation;
-    for (double& number : quaternion) number = records.Real("quaternion");
-    for (double& number : translation) number = records.Real("translation");
+    for (int i = 0; i < 4; ++i) quaternion[i] = records.Real("quaternion");
+    for (int i = 0; i < 3; ++i) translation[i] = records.Real("translation");
     image.camera_id = records.template Integer<uint32_t>("camera id");
     image.name = records.ImageName();
     image.cam_from_world = MakeColmapPose(where, quaternion, translation);

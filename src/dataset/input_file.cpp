@@ -63,8 +63,10 @@ std::ifstream OpenInput(const std::filesystem::path& path) {
 
 std::string ReadInput(const std::filesystem::path& path, size_t max_bytes) {
   std::ifstream stream = OpenInput(path);
-  std::error_code ignored;  // then nothing can be read either
-  std::string content(std::min<uintmax_t>(std::filesystem::file_size(path, ignored), max_bytes), '\0');
+  std::error_code error;
+  const uintmax_t size = std::filesystem::file_size(path, error);
+  if (error) throw InvalidInputError(Concat("cannot read ", path.string(), ": ", error.message()));
+  std::string content(std::min<uintmax_t>(size, max_bytes), '\0');
   stream.read(content.data(), static_cast<std::streamsize>(content.size()));
   if (stream.bad()) throw InvalidInputError(Concat("cannot read ", path.string(), ": read error"));
   content.resize(static_cast<size_t>(stream.gcount()));

@@ -93,7 +93,8 @@ EstimateState RunPass(const PatchMatchProblem& problem, const PatchMatchOptions&
   if (kind == Pass::kPhotometric) {
     state = {PlaneMap(camera.width, camera.height), CostMap(camera.width, camera.height)};
   } else {
-    CheckSize("start", state.planes.width(), state.planes.height(), camera);
+    CheckSize("planes of the start", state.planes.width(), state.planes.height(), camera);
+    CheckSize("costs of the start", state.cost.width(), state.cost.height(), camera);
   }
   if (kind == Pass::kPlanarPrior) CheckSize("prior", prior.numbers.width, prior.numbers.height, camera);
   const HostSources sources(problem, options.method);

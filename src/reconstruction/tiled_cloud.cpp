@@ -5,12 +5,15 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <type_traits>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/output_file.h"
 
 namespace acmp {
 namespace {
+
+static_assert(std::is_trivially_copyable_v<SurfacePoint>, "work files have points as they are in memory");
 
 constexpr size_t kBlockPoints = size_t{1} << 16;  // of a work file, in memory at once
 

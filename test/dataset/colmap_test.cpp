@@ -183,6 +183,8 @@ TEST_F(ColmapTest, BadTextIsNamedWithItsPlace) {
   expect_error(&cameras, "30 31 16.25 12.75", "30 31 16.25", "missing");
   expect_error(&cameras, "30 31 16.25", "0 31 16.25", "fx = 0");
   expect_error(&cameras, "12.75", "12x", "\"12x\"");
+  expect_error(&cameras, "12.75", "12.75 9", "unexpected \"9\"");
+  expect_error(&cameras, "1 PINHOLE 32 24", "1 PINHOLE 32 2147483648", "height = 2147483648");
   expect_error(&cameras, "12.75\n", "12.75\n1 PINHOLE 32 24 30 31 16 12\n", "camera id 1 occurs twice");
   expect_error(&images, "0.3 1 000001.png", "0.3 5 000001.png", "camera id 5");
   expect_error(&images, "5 6 11", "5 6 13", "point id 13");

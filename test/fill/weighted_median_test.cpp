@@ -69,5 +69,22 @@ TEST_F(FilterPixelTest, WhatSourcesSeeThroughHasLessSay) {
   EXPECT_NEAR(Filtered(24, 30), 2, 1e-5f) << "the same of all changes nothing";
 }
 
+TEST_F(FilterPixelTest, PlanesThatFaceAwayTiltTooMuchOrLeaveTheRangeAreNotExtended) {
+  const Vec3f from = context_.rays.Ray(36, 30), to = context_.rays.Ray(40, 30);
+  const PlaneHypothesis slanted = PlaneThrough(Normalized(Vec3f{0.5f, 0, -1}), from, 4);
+  const float extended = PlaneDepth(slanted, to);
+  ASSERT_GT(extended, 4.1f);
+  ASSERT_LT(extended, 4.4f);
+  EXPECT_NEAR(ExtendedDepth(context_, slanted, to, 4), extended, 1e-5f);
+  const PlaneHypothesis away = {-slanted.nx, -slanted.ny, -slanted.nz, -slanted.d};
+  EXPECT_EQ(ExtendedDepth(context_, away, to, 4), 0);
+  EXPECT_EQ(ExtendedDepth(context_, PlaneThrough(Normalized(Vec3f{1, 0, -0.3f}), from, 4), to, 4), 4) << "by over 10 %";
+  context_.depth_max = 4.1f;
+  EXPECT_EQ(ExtendedDepth(context_, slanted, to, 4), 4);
+  context_.depth_max = 20;
+  context_.depth_min = 4.9f;
+  EXPECT_EQ(ExtendedDepth(context_, slanted, to, 4), 4);
+}
+
 }  // namespace
 }  // namespace acmp

@@ -8,6 +8,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "support/error_text.h"
 #include "support/kernel_state.h"
@@ -34,6 +35,31 @@ TEST(GeometricErrorTest, BackwardPointBehindTheReferenceIsTruncated) {
     const float error = GeometricError(state.Context(), 3, 16, 13, 0), worst = state.options().geometric_max_px;
     EXPECT_TRUE(is_before ? error < 0.01f : error == worst) << error;
   }
+}
+
+TEST(GeometricErrorTest, PointBehindTheSourceIsTruncated) {
+  // The source stands 4 m ahead on the optical axis and sees a surface 1 m before it, 5 m from the reference. On the
+  // axis a point behind it has the pixel of one in front.
+  std::vector<PlanarView> views = RandomViews(2, 33, 27, 4);
+  views[0].camera.cx = 16;
+  views[0].camera.cy = 13;
+  views[1].cam_from_world = LookAhead({0, 0, 4}, 0, 0, 0);
+  for (float& z : views[1].depth) z = 1;
+  KernelState state(MakeProblem(views, 0, {1, 10}, true));
+  EXPECT_EQ(GeometricError(state.Context(), 3, 16, 13, 0), state.options().geometric_max_px);
+  EXPECT_LT(GeometricError(state.Context(), 5, 16, 13, 0), 0.01f);
+}
+
+TEST(RunPassTest, RefusesAStartOfAnotherSize) {
+  const std::vector<PlanarView> views = RandomViews(2, 33, 27, 6);
+  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
+  const auto error = [&](int width, int cost_height) {
+    EstimateState start = {PlaneMap(width, 27, {0, 0, -1, 4}), CostMap(33, cost_height, 0.5f)};
+    return ErrorOf([&] { RunPass(problem, {}, Pass::kGeometric, std::move(start)); });
+  };
+  EXPECT_EQ(error(33, 27), "no error");
+  EXPECT_THAT(error(34, 27), testing::AllOf(HasSubstr("planes"), HasSubstr("34 x 27"), HasSubstr("33 x 27")));
+  EXPECT_THAT(error(33, 26), testing::AllOf(HasSubstr("costs"), HasSubstr("33 x 26")));
 }
 
 TEST(PatchMatchProblemTest, NamesWhatIsWrongWithWhichView) {

@@ -238,6 +238,7 @@ class ConvertCalibration(unittest.TestCase):
         omni = KALIBR.replace("camera_model: pinhole", "camera_model: omni", 1).replace("[458.654", "[1.9, 458.654", 1)
         self.expect(converted(omni), [752, 480], K, "mei", [1.9] + RADTAN)
         self.assertIn("must be radtan", refusal(omni.replace("radtan", "equidistant", 1)))
+        self.assertIn("must be a list of 4 numbers", refusal(omni.replace("e-05]", "e-05, 0.1]", 1)))
         self.expect(converted(omni.replace("radtan", "none", 1)), [752, 480], K, "mei", [1.9, 0, 0, 0, 0])
 
     def test_double_sphere_and_eucm(self):
@@ -259,6 +260,7 @@ class ConvertCalibration(unittest.TestCase):
     def test_a_sphere_needs_its_size_alone(self):
         sphere = "Camera:\n  model: equirectangular\n  cols: 1920\n  rows: 960\n"
         self.expect(converted(sphere), [1920, 960], [960 / math.pi, 960 / math.pi, 960, 480], "equirectangular", [])
+        self.assertIn("no camera 1", refusal(sphere, 1))
 
     def test_size_that_the_file_lacks(self):
         self.assertIn("image size 0 x 0", refusal(ORB_SLAM2))
@@ -270,6 +272,7 @@ class ConvertCalibration(unittest.TestCase):
                 (VINS.replace("PINHOLE", "MEI"), "gamma1 is missing"),
                 (VINS.replace("fx: 458.654, ", ""), "projection_parameters: fx is missing"),
                 (VINS.replace("458.654", "large"), "fx = 'large': must be a number"),
+                (KALIBR.replace("458.654", ".nan"), "intrinsics = nan: must be a number"),
                 (VINS.replace("image_width: 752", "image_width: 300"), "principal point (367.215, 248.375)"),
                 (ORB_SLAM3.replace("PinHole", "Sphere"), "Camera.type 'Sphere'"),
                 (KALIBR.replace("camera_model: pinhole", "camera_model: ds"), "distortion_model 'radtan' of camera_model ds"),

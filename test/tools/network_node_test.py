@@ -410,18 +410,18 @@ class OnnxNetworks(TestCase):
 
     def test_a_folder(self):
         images, out, path = (str(self.folder / name) for name in ("images", "out", "tiny.yaml"))
-        Path(images, "left").mkdir(parents=True)
-        PIL.Image.fromarray(test_image()).save(f"{images}/left/a.png")
+        Path(images, "left.png").mkdir(parents=True)  # no picture
+        PIL.Image.fromarray(test_image()).save(f"{images}/left.png/a.png")
         self.load(tiny_onnx.brightness(), kind="depth")
         code, text = run_main(path, "--images", images, out)
         self.assertEqual((code, text.count("1 of 1 images")), (0, 1), text)
-        header, _, depth = Path(out, "left/a.pfm").read_bytes().partition(b"-1.0\n")
+        header, _, depth = Path(out, "left.png/a.pfm").read_bytes().partition(b"-1.0\n")
         self.assertEqual(header, b"Pf\n%d %d\n" % (WIDTH, HEIGHT))
         depth = np.frombuffer(depth, "<f4").reshape(HEIGHT, WIDTH)[::-1]
         np.testing.assert_allclose(depth, test_image().mean(2) / 255, rtol=1e-5)  # rounding of float32
         self.describe(kind="probability", threshold=100 / 255)
         self.assertEqual(run_main(path, "--images", images, out)[0], 0)
-        mask = np.asarray(PIL.Image.open(f"{out}/left/a.png.png"))
+        mask = np.asarray(PIL.Image.open(f"{out}/left.png/a.png.png"))
         np.testing.assert_array_equal(mask, np.where(test_image().mean(2) >= 100, 0, 255))
         Path(images, "cut.jpg").write_bytes(b"\xff\xd8")
         code, text = run_main(path, "--images", images, out)
