@@ -406,28 +406,22 @@ int main(int argc, char** argv) {
       "keyframes per second each preset keeps up with at which size.\n"
       "Example: acmp_benchmark --sizes 640x480,3072x2048 --source-views 6,10",
       "acmp_benchmark");
+  app.option_defaults()->always_capture_default();
   app.add_option("--sizes", arguments.sizes, "Image sizes, WIDTHxHEIGHT")
       ->delimiter(',')
       ->default_str("640x480,3072x2048; on a CPU 320x240");
-  app.add_option("--source-views", arguments.source_views, "Numbers of source views, 1..32")
-      ->delimiter(',')
-      ->capture_default_str();
-  app.add_option("--repetitions", arguments.repetitions, "Runs per size")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  app.add_option("--keyframes", arguments.keyframes, "Length of the stream; 0: stages")
-      ->check(CLI::Range(0, 1000000))
-      ->capture_default_str();
+  app.add_option("--source-views", arguments.source_views, "Numbers of source views, 1..32")->delimiter(',');
+  app.add_option("--repetitions", arguments.repetitions, "Runs per size")->check(CLI::Range(1, 1000));
+  app.add_option("--keyframes", arguments.keyframes, "Length of the stream; 0: stages")->check(CLI::Range(0, 1000000));
   app.add_option("--window-size", arguments.stream.window_size,
                  "Of the stream: " + acmp::OptionsOf(&arguments.stream).Find("window_size").sentence)
-      ->check(CLI::Range(2, acmp::kMaxWindowSize))
-      ->capture_default_str();
+      ->check(CLI::Range(2, acmp::kMaxWindowSize));
   arguments.stream.poses.refine = acmp::RefinePoses::kOff;  // the stream's are exact
   app.add_option("--preset", arguments.preset, "Preset, see docs/algorithm.md")
-      ->check(CLI::IsMember(acmp::PresetNames()))
-      ->capture_default_str();
+      ->check(CLI::IsMember(acmp::PresetNames()));
   app.add_option("--set", arguments.set,
-                 "NAME=VALUE: an option of the pipeline over the preset's, see docs/parameters.md");
+                 "NAME=VALUE: an option of the pipeline over the preset's, see docs/parameters.md")
+      ->default_str("");
   CLI::Option* expect = app.add_flag(
       "--expect", arguments.expect,
       "Measure a short stream of each preset and compute the rate at other sizes (with the first of --source-views)");
@@ -437,11 +431,12 @@ int main(int argc, char** argv) {
              "--auto", arguments.auto_interval_s,
              "What preset: auto chooses for keyframes that come every so many seconds, with the first of --sizes as "
              "max_image_size and the first of --source-views at most")
+          ->default_str("")
           ->check(CLI::PositiveNumber);
   for (const char* other : {"--expect", "--keyframes", "--repetitions", "--preset", "--set"})
     auto_preset->excludes(other);
-  app.add_option("--device", arguments.device, "auto, cuda or cpu")->capture_default_str();
-  app.add_option("--cuda-index", arguments.cuda_index, "Which GPU")->capture_default_str();
+  app.add_option("--device", arguments.device, "auto, cuda or cpu");
+  app.add_option("--cuda-index", arguments.cuda_index, "Which GPU");
   return acmp::RunTool(app, argc, argv, [&] {
     acmp::RunBenchmark(arguments);
     return acmp::Printed();
