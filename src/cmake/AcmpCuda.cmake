@@ -1,21 +1,5 @@
 # Sets ACMP_HAVE_CUDA and enables the CUDA language when asked for and present.
 
-# acmp_cuda_architectures(known result): what to build for, of the architectures (numbers) that the toolkit knows. Real
-# code for each generation from Turing on (a missing one would otherwise show up as empty maps at run time), and PTX of the
-# newest for whatever comes later ("90" alone means both).
-function(acmp_cuda_architectures known result)
-  set(chosen "")
-  foreach(architecture 75 80 86 87 89 90 100 120)  # 87: Jetson Orin, which runs no code of 86
-    if(architecture IN_LIST known)
-      list(APPEND chosen ${architecture})
-    endif()
-  endforeach()
-  list(GET chosen -1 newest)
-  list(REMOVE_AT chosen -1)
-  list(TRANSFORM chosen APPEND "-real")
-  set(${result} ${chosen} ${newest} PARENT_SCOPE)
-endfunction()
-
 set(ACMP_HAVE_CUDA FALSE)
 if(NOT ACMP_CUDA STREQUAL "OFF")
   include(CheckLanguage)
@@ -31,7 +15,15 @@ if(NOT ACMP_CUDA STREQUAL "OFF")
     if(failed OR NOT 87 IN_LIST known)
       acmp_missing(ACMP_CUDA CUDA "${CMAKE_CUDA_COMPILER} is older than CUDA 11.4")
     else()
-      acmp_cuda_architectures("${known}" architectures)
+      # Of what the toolkit knows, real code for each generation from Turing on (a missing one would otherwise show up as
+      # empty maps at run time), and PTX of the newest for whatever comes later ("90" alone means both).
+      set(architectures "")
+      foreach(architecture 75 80 86 87 89 90 100 120)  # 87: Jetson Orin, which runs no code of 86
+        if(architecture IN_LIST known)
+          list(APPEND architectures ${architecture}-real)
+        endif()
+      endforeach()
+      string(REGEX REPLACE "-real$" "" architectures "${architectures}")
       set(ACMP_CUDA_ARCHITECTURES ${architectures}
           CACHE STRING "GPU architectures of the CUDA backend (see CMAKE_CUDA_ARCHITECTURES)")
       set(CMAKE_CUDA_ARCHITECTURES ${ACMP_CUDA_ARCHITECTURES})
