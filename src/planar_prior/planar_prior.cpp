@@ -53,10 +53,6 @@ constexpr int kBandRows = 32;  ///< that one task fills
 std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageView<const float> cost,
                                             const DepthRange& range, const PlanarPriorOptions& options) {
   CheckDepthRange("depth range of the support points", range);
-  if (depth.width != cost.width || depth.height != cost.height) {
-    throw InvalidInputError(Concat("cost map is ", cost.width, " x ", cost.height, " but depth map is ", depth.width,
-                                   " x ", depth.height, ": sizes must be equal"));
-  }
   const int size = options.cell_size_px;
   Image<SupportPoint> cells(CellsOf(depth.width, size), CellsOf(depth.height, size));
   ForEachPixel(cells.width(), cells.height(), [&](int col, int row) {
