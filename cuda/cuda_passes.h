@@ -21,7 +21,6 @@ class CudaPasses : public CudaTransfers {
   using CudaTransfers::CudaTransfers;
 
   EngineEstimatePtr RunPass(const EngineProblem& problem, const PatchMatchOptions& options, EnginePass pass) override {
-    Validate(options);
     const int level = pass.kind == Pass::kGeometric ? LevelOfEstimate(problem, pass.start) : pass.level;
     const PatchMatchProblem match = MakePatchMatchProblem(problem, level);
     const PinholeCamera& camera = match.reference.camera;
@@ -78,7 +77,6 @@ class CudaPasses : public CudaTransfers {
   }
   EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
                                    EngineEstimatePtr start, const EngineEstimatePtr& coarser) override {
-    Validate(options);
     const int level = LevelOfEstimate(problem, start);
     const PatchMatchProblem match = MakePatchMatchProblem(problem, level);
     const PinholeCamera& camera = match.reference.camera;
@@ -100,7 +98,6 @@ class CudaPasses : public CudaTransfers {
   }
   std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
                                               const PlanarPriorOptions& options) override {
-    Validate(options);
     CheckDepthRange("depth range of the support points", range);
     const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
     return OnDevice([&] {

@@ -1,44 +1,29 @@
 # Sets ACMP_HAVE_CUDA and enables the CUDA language when asked for and present.
 
-# acmp_no_cuda(why): an error if CUDA was asked for, else a word.
-function(acmp_no_cuda why)
-  if(ACMP_CUDA STREQUAL "ON")
-    message(FATAL_ERROR "ACMP_CUDA=ON, but ${why}")
-  endif()
-  message(STATUS "acmp_mapping: without CUDA: ${why}")
-endfunction()
-
-# acmp_cuda_architectures(known result): what to build for, of the architectures (numbers) that the toolkit knows. Real
-# code for each generation from Turing on (a missing one would otherwise show up as empty maps at run time), and PTX of the
-# newest for whatever comes later ("90" alone means both).
-function(acmp_cuda_architectures known result)
-  set(chosen "")
-  foreach(architecture 75 80 86 87 89 90 100 120)  # 87: Jetson Orin, which runs no code of 86
-    if(architecture IN_LIST known)
-      list(APPEND chosen ${architecture})
-    endif()
-  endforeach()
-  list(GET chosen -1 newest)
-  list(REMOVE_AT chosen -1)
-  list(TRANSFORM chosen APPEND "-real")
-  set(${result} ${chosen} ${newest} PARENT_SCOPE)
-endfunction()
-
 set(ACMP_HAVE_CUDA FALSE)
 if(NOT ACMP_CUDA STREQUAL "OFF")
   include(CheckLanguage)
   check_language(CUDA)
   if(NOT CMAKE_CUDA_COMPILER)
-    acmp_no_cuda("no CUDA compiler was found; set CUDACXX to nvcc's path, CUDAHOSTCXX to a C++ compiler that it takes")
+    acmp_missing(ACMP_CUDA CUDA
+                 "no CUDA compiler was found; set CUDACXX to nvcc's path, CUDAHOSTCXX to a C++ compiler that it takes")
   elseif(CMAKE_VERSION VERSION_LESS 3.18)
-    acmp_no_cuda("CUDA needs CMake 3.18 or later, this is ${CMAKE_VERSION}")
+    acmp_missing(ACMP_CUDA CUDA "CUDA needs CMake 3.18 or later, this is ${CMAKE_VERSION}")
   else()
     execute_process(COMMAND ${CMAKE_CUDA_COMPILER} --list-gpu-code OUTPUT_VARIABLE codes RESULT_VARIABLE failed)
     string(REGEX MATCHALL "[0-9]+" known "${codes}")
     if(failed OR NOT 87 IN_LIST known)
-      acmp_no_cuda("${CMAKE_CUDA_COMPILER} is older than CUDA 11.4")
+      acmp_missing(ACMP_CUDA CUDA "${CMAKE_CUDA_COMPILER} is older than CUDA 11.4")
     else()
-      acmp_cuda_architectures("${known}" architectures)
+      # Of what the toolkit knows, real code for each generation from Turing on (a missing one would otherwise show up as
+      # empty maps at run time), and PTX of the newest for whatever comes later ("90" alone means both).
+      set(architectures "")
+      foreach(architecture 75 80 86 87 89 90 100 120)  # 87: Jetson Orin, which runs no code of 86
+        if(architecture IN_LIST known)
+          list(APPEND architectures ${architecture}-real)
+        endif()
+      endforeach()
+      string(REGEX REPLACE "-real$" "" architectures "${architectures}")
       set(ACMP_CUDA_ARCHITECTURES ${architectures}
           CACHE STRING "GPU architectures of the CUDA backend (see CMAKE_CUDA_ARCHITECTURES)")
       set(CMAKE_CUDA_ARCHITECTURES ${ACMP_CUDA_ARCHITECTURES})

@@ -1,3 +1,11 @@
+# acmp_missing(option what why): an error if the option is ON, else a word that this is built without what it is for.
+function(acmp_missing option what why)
+  if(${option} STREQUAL "ON")
+    message(FATAL_ERROR "${option}=ON, but ${why}")
+  endif()
+  message(STATUS "acmp_mapping: without ${what}: ${why}")
+endfunction()
+
 # acmp_target_warnings(target): the warnings that every target of ours has.
 function(acmp_target_warnings target)
   target_compile_options(${target} PRIVATE $<$<COMPILE_LANGUAGE:CXX>:-Wall;-Wextra>)

@@ -2,9 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
-#include <iomanip>
 #include <locale>
+#include <nlohmann/json.hpp>
 #include <numeric>
 #include <sstream>
 #include <utility>
@@ -38,24 +37,8 @@ T ParseNumber(const std::string& name, const std::string& text, const char* kind
   throw InvalidInputError(Concat(name, " = \"", text, "\": must be one of ", Join(choices)));
 }
 
-/// The fewest digits, up to 15, that read back as the number: 0.001, 1000000.
-std::string ShortestText(double number) {
-  constexpr double kWhole = 1e15;
-  if (std::abs(number) < kWhole && number == std::floor(number)) return Concat(static_cast<int64_t>(number));
-  const ClassicLocale point;
-  std::string text;
-  for (int digits = 6; digits <= 15; ++digits) {
-    text = Concat(std::setprecision(digits), number);
-    if (std::stod(text) == number) break;
-  }
-  return text;
-}
-
-/// For readers of YAML, a floating-point number has a point: 5.0.
-std::string YamlOf(double number) {
-  const std::string text = ShortestText(number);
-  return text.find_first_of(".en") == std::string::npos ? text + ".0" : text;
-}
+/// The fewest digits that read back as the number, with a point: 0.001, 1000000.0.
+std::string YamlOf(double number) { return std::isfinite(number) ? nlohmann::json(number).dump() : Concat(number); }
 std::string YamlOf(int number) { return Concat(number); }
 std::string YamlOf(bool flag) { return flag ? "true" : "false"; }
 std::string YamlOf(const std::string& text) { return text.empty() ? "\"\"" : text; }
@@ -63,6 +46,12 @@ std::string YamlOf(const std::vector<double>& numbers) {
   std::string text;
   for (const double number : numbers) text += (text.empty() ? "" : ", ") + YamlOf(number);
   return "[" + text + "]";
+}
+
+/// For people: 0.001, 1000000.
+std::string ShortText(double number) {
+  const std::string text = YamlOf(number);
+  return text.rfind(".0") == text.size() - 2 ? text.substr(0, text.size() - 2) : text;
 }
 
 size_t EditDistance(const std::string& a, const std::string& b) {
@@ -83,8 +72,8 @@ size_t EditDistance(const std::string& a, const std::string& b) {
 void CheckOption(const Option& option, const OptionValue& value, const std::string& prefix) {
   const auto check_range = [&](double number) {
     if (number >= option.min && number <= option.max) return;
-    throw InvalidInputError(Concat(prefix, option.name, " = ", ShortestText(number), ": must be in [",
-                                   ShortestText(option.min), ", ", ShortestText(option.max), "]",
+    throw InvalidInputError(Concat(prefix, option.name, " = ", ShortText(number), ": must be in [",
+                                   ShortText(option.min), ", ", ShortText(option.max), "]",
                                    option.unit.empty() ? "" : " " + option.unit));
   };
   if (const int* integer = std::get_if<int>(&value)) check_range(*integer);
@@ -118,8 +107,7 @@ std::string DescribeValues(const Option& option) {
   if (std::holds_alternative<bool>(like)) return "true or false";
   if (!option.choices.empty()) return Join(option.choices);
   if (!std::holds_alternative<int>(like) && !std::holds_alternative<double>(like)) return "";
-  return Concat(ShortestText(option.min), " to ", ShortestText(option.max),
-                option.unit.empty() ? "" : " " + option.unit);
+  return Concat(ShortText(option.min), " to ", ShortText(option.max), option.unit.empty() ? "" : " " + option.unit);
 }
 
 double ToDecimal(float value) {

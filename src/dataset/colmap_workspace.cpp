@@ -233,10 +233,7 @@ ColmapPoints::ColmapPoints(const PointCloud& cloud, const Eigen::Vector3d& origi
 }
 
 void ColmapPoints::AddImage(size_t image, const PosedCamera& camera, const DepthMap& depth) {
-  if (depth.width() != camera.camera.width || depth.height() != camera.camera.height) {
-    throw InvalidInputError(Concat("depth map of ", depth.width(), " x ", depth.height(), " px: must have the size of ",
-                                   "its camera, ", camera.camera.width, " x ", camera.camera.height));
-  }
+  CheckSize("depth map", depth.width(), depth.height(), camera.camera);
   for (size_t i = 0; i < points_.size(); ++i) {
     const Eigen::Vector3d in_cam = camera.cam_from_world * points_[i].position_in_world;
     if (!(in_cam.z() > 0)) continue;

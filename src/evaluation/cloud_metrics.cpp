@@ -184,10 +184,7 @@ ObservedSurface::ObservedSurface(const PointCloud& reconstruction, double spacin
 }
 
 void ObservedSurface::Add(const DepthMap& depth, const PinholeCamera& camera, const RigidTransform& cam_from_world) {
-  if (depth.width() != camera.width || depth.height() != camera.height) {
-    throw InvalidInputError(Concat("depth map of ", depth.width(), " x ", depth.height(), ": must be the camera's ",
-                                   camera.width, " x ", camera.height));
-  }
+  CheckSize("depth map", depth.width(), depth.height(), camera);
   AddPoints(depth, camera, cam_from_world.inverse());
   MarkObserved(depth, camera, cam_from_world);
 }

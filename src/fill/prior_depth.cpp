@@ -283,10 +283,6 @@ FittedPriorDepth FitPriorDepth(ImageView<const float> prior, ImageView<const flo
                                const PriorDepthOptions& options) {
   constexpr int kCellsAcross = 100;
   CheckDepthRange("depth range of the prior depth", range);
-  if (prior.width != known.width || prior.height != known.height) {
-    throw InvalidInputError(Concat("prior depth is ", prior.width, " x ", prior.height, " but known depth is ",
-                                   known.width, " x ", known.height, ": sizes must be equal"));
-  }
   const std::vector<Pair> pairs = PairsOf(prior, known);
   PriorFit fit;
   if (pairs.size() < kMinKnown) {

@@ -59,17 +59,7 @@ PointCloud CollectPoints(const FusionSetup& setup, const MakePoint& make_point) 
 
 }  // namespace
 
-void Validate(const FusionOptions& options) {
-  constexpr float kTiny = 1e-6f;  // stands for "greater than zero"
-  CheckRange("fusion.max_reprojection_px", options.max_reprojection_px, kTiny, 1e6f);
-  CheckRange("fusion.max_relative_depth", options.max_relative_depth, kTiny, 0.999f);
-  CheckRange("fusion.max_normal_angle_deg", options.max_normal_angle_deg, kTiny, 180.0f);
-  CheckRange("fusion.min_consistent_views", options.min_consistent_views, 0, 32);
-  CheckRange("fusion.min_confidence", options.min_confidence, 0.0f, 1.0f);
-}
-
 FusionLimits MakeFusionLimits(const FusionOptions& options) {
-  Validate(options);
   const double max_px = options.max_reprojection_px;
   return {max_px * max_px, options.max_relative_depth, std::cos(options.max_normal_angle_deg * kPi / 180),
           options.min_consistent_views, options.min_confidence};

@@ -88,7 +88,6 @@ struct HostSources {
 EstimateState RunPass(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind,
                       EstimateState state, const PriorMap& prior, int geometric_pass) {
   Check(problem);
-  Validate(options);
   const PinholeCamera& camera = problem.reference.camera;
   if (kind == Pass::kPhotometric) {
     state = {PlaneMap(camera.width, camera.height), CostMap(camera.width, camera.height)};
@@ -112,7 +111,6 @@ EstimateState RunPass(const PatchMatchProblem& problem, const PatchMatchOptions&
 EstimateState RestoreDetails(const PatchMatchProblem& problem, const PatchMatchOptions& options, EstimateState start,
                              const ImageView<const PlaneHypothesis>& coarser) {
   Check(problem);
-  Validate(options);
   const PinholeCamera& camera = problem.reference.camera;
   const PinholeCamera halved = camera.Halved();
   CheckSize("planes", start.planes.width(), start.planes.height(), camera);

@@ -5,16 +5,11 @@
 namespace acmp {
 
 void Validate(const PipelineOptions& options) {
-  Validate(options.patch_match);
-  Validate(options.planar_prior);
-  Validate(options.fusion);
   PipelineOptions checked = options;
   OptionsOf(&checked).Check();
-  CheckRange("pipeline.start_level", options.start_level, 0, 2);
   if (options.multi_scale && (options.use_planar_prior || options.fill.enabled)) {
     throw InvalidInputError("pipeline.multi_scale = true: must go without use_planar_prior and completion");
   }
-  CheckRange("pipeline.full_size_iterations", options.full_size_iterations, 0, 20);
 }
 
 OptionList OptionsOf(PipelineOptions* o) {

@@ -50,21 +50,9 @@ constexpr int kBandRows = 32;  ///< that one task fills
 
 }  // namespace
 
-void Validate(const PlanarPriorOptions& options) {
-  CheckRange("planar_prior.cell_size_px", options.cell_size_px, 1, 64);
-  constexpr float kTiny = 1e-6f;  // stands for "greater than zero"
-  CheckRange("planar_prior.max_support_cost", options.max_support_cost, kTiny, 2.0f);
-  CheckRange("planar_prior.max_grazing_angle_deg", options.max_grazing_angle_deg, kTiny, 89.999f);
-}
-
 std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageView<const float> cost,
                                             const DepthRange& range, const PlanarPriorOptions& options) {
-  Validate(options);
   CheckDepthRange("depth range of the support points", range);
-  if (depth.width != cost.width || depth.height != cost.height) {
-    throw InvalidInputError(Concat("cost map is ", cost.width, " x ", cost.height, " but depth map is ", depth.width,
-                                   " x ", depth.height, ": sizes must be equal"));
-  }
   const int size = options.cell_size_px;
   Image<SupportPoint> cells(CellsOf(depth.width, size), CellsOf(depth.height, size));
   ForEachPixel(cells.width(), cells.height(), [&](int col, int row) {
@@ -79,7 +67,6 @@ std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageV
 
 PriorMesh MakePriorMesh(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
                         const PlanarPriorOptions& options) {
-  Validate(options);
   CheckCamera("camera of the planar prior", camera);
   CheckDepths(points);
   const std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points, options.cell_size_px);

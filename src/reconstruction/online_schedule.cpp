@@ -24,7 +24,7 @@ class OnlineSchedule {
       : run_(*run), mapper_(run->devices.Engine(0, 0).engine, MapperOptions(*run), Callbacks()) {}
 
   void Run() {
-    const FrameOptions frame_options = MakeFrameOptions(run_.options);
+    const FrameOptions frame_options = {run_.options.max_image_size};
     Capture capture;  // of the faces of a wide image
     for (size_t i = 0; i < run_.plan.images.size(); ++i) {
       Timer timer;

@@ -121,7 +121,7 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
                                       const DeviceMaker& make_devices, StopRequest* interrupt) {
   Validate(options);
   if (images.empty()) throw InvalidInputError("number of images = 0: must be at least 1");
-  FrameStore frames(MakeFrames(&images, MakeFrameOptions(options), *interrupt));
+  FrameStore frames(MakeFrames(&images, {options.max_image_size}, *interrupt));
   Scene scene = MakeScene(images);
   std::vector<int> indices(images.size());
   std::iota(indices.begin(), indices.end(), 0);

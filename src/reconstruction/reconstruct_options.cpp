@@ -276,7 +276,7 @@ void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
 
 void Validate(const ReconstructOptions& options) {
   ReconstructOptions checked = options;
-  for (const Option& option : OptionsOf(&checked)) CheckOption(option, option.get());
+  OptionsOf(&checked).Check();
   CheckRange("--min-source-views", options.min_source_views, 0, options.source_views);
   if (options.cuda_index.empty()) throw InvalidInputError("--cuda-index: must name at least one GPU");
   for (int index : options.cuda_index) {
@@ -313,8 +313,6 @@ PipelineOptions MakePipelineOptions(const ReconstructOptions& options) {
   for (const std::string& assignment : options.set) OptionsOf(&pipeline).Set(assignment);
   return pipeline;
 }
-
-FrameOptions MakeFrameOptions(const ReconstructOptions& options) { return {options.max_image_size}; }
 
 DenseMapperOptions MakeMapperOptions(const ReconstructOptions& options, const DepthRange& dataset_range) {
   DenseMapperOptions mapper;

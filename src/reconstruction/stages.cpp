@@ -169,7 +169,7 @@ struct PlannedScene {
 };
 
 PlannedScene::PlannedScene(const ReconstructOptions& options)
-    : frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare)) {
+    : frames(scene, {options.max_image_size}, options.MemoryBytes(options.kImageShare)) {
   const std::optional<std::string> content = ReadWorkFile(PlanFile(options.output));
   if (!content) throw InvalidInputError(Concat(options.output.string(), ": has no plan: give --plan first"));
   const Json json = Json::parse(*content);

@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "acmp_mapping/common/degrees.h"
-#include "acmp_mapping/common/error.h"
 
 namespace acmp {
 namespace {
@@ -114,14 +113,6 @@ Ray PixelRay(const PinholeCamera& camera, const CameraPose& pose, double col, do
   const double x = (col - camera.cx) / camera.fx;
   const double y = (row - camera.cy) / camera.fy;
   return {pose.center, x * pose.right + y * pose.down + pose.forward};
-}
-
-void Validate(const ImagingModel& model) {
-  CheckRange("read_noise_grey", model.read_noise_grey, 0.0, 50.0);
-  CheckRange("grey_per_electron", model.grey_per_electron, 0.0, 1.0);
-  CheckRange("psf_sigma_px", model.psf_sigma_px, 0.0, 5.0);
-  CheckRange("shake_deg", model.shake_deg, 0.0, 2.0);
-  CheckRange("exposure_spread", model.exposure_spread, 0.0, 0.5);
 }
 
 double ExposureOf(const ImagingModel& model, uint32_t seed, int index) {

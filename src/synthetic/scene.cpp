@@ -309,7 +309,7 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
   CheckRange("height", options.height, kMinSize, kMaxSize);
   CheckRange("keyframes", options.keyframes, 2, kMaxKeyframes);
   CheckRange("stereo baseline", options.stereo_baseline_m, 0.0, 5.0);
-  Validate(options.imaging);
+  CheckRange("read_noise_grey", options.imaging.read_noise_grey, 0.0, 50.0);
   if (options.field_of_view != 0 && options.stereo_baseline_m > 0) {
     throw InvalidInputError("a synthetic fisheye has no second camera: either field of view or stereo baseline");
   }

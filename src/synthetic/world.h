@@ -126,9 +126,6 @@ PinholeCamera SyntheticCamera(int width, int height);
 /// Ray through a pixel whose parameter t is the depth z.
 Ray PixelRay(const PinholeCamera& camera, const CameraPose& pose, double col, double row);
 
-/// Throws InvalidInputError naming the first field out of bounds.
-void Validate(const ImagingModel& model);
-
 /// Exposure of image `index`, as a factor.
 double ExposureOf(const ImagingModel& model, uint32_t seed, int index);
 

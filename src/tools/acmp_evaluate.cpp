@@ -23,15 +23,12 @@ struct EvaluateArguments {
 constexpr const char* kGroundTruthGroup = "Ground-truth depth maps";
 
 void AddGroundTruthOptions(CLI::App* command, GroundTruthOptions* truth) {
-  command->add_option("--gt", truth->folder, "Folder of the ground truth, in SCENE or anywhere")
-      ->capture_default_str()
-      ->group(kGroundTruthGroup);
-  command->add_option("--max-depth", truth->max_depth, "Leave out ground truth beyond this depth (0: none)")
-      ->capture_default_str()
-      ->group(kGroundTruthGroup);
-  command->add_option("--gt-png-unit", truth->png_unit, "Counts per unit of ground-truth .png files")
-      ->capture_default_str()
-      ->group(kGroundTruthGroup);
+  const std::string ungrouped = command->option_defaults()->get_group();
+  command->option_defaults()->group(kGroundTruthGroup);
+  command->add_option("--gt", truth->folder, "Folder of the ground truth, in SCENE or anywhere");
+  command->add_option("--max-depth", truth->max_depth, "Leave out ground truth beyond this depth (0: none)");
+  command->add_option("--gt-png-unit", truth->png_unit, "Counts per unit of ground-truth .png files");
+  command->option_defaults()->group(ungrouped);
 }
 
 CLI::App* AddDepthCommand(CLI::App* app, EvaluateArguments* a) {
@@ -50,20 +47,21 @@ CLI::App* AddDepthCommand(CLI::App* app, EvaluateArguments* a) {
           "Folder with one .pfm, .dmb or 16-bit .png (millimetres) per image, named by the image's name or its "
           "index (000007.pfm, depth_7.png), or the output folder of the public ACMP program")
       ->required();
+  command->option_defaults()->always_capture_default();
   AddGroundTruthOptions(command, &a->depth.truth);
   command->add_option("--name", a->depth.name, "Only files whose name contains this regular expression");
-  command->add_option("--scale", a->depth.scale, "Multiply the predictions by this")->capture_default_str();
+  command->add_option("--scale", a->depth.scale, "Multiply the predictions by this");
   command->add_flag("--median-scale", a->depth.median_scale,
                     "Multiply each map by the median of true over predicted depth: for poses whose scale is unknown or "
                     "drifts");
   command->add_option("--subset", a->subset, "Only these image indices, for example 0,3,7-12");
+  command->add_option(
+      "--lowtex", a->depth.low_texture,
+      "Repeat the mean over pixels whose 11x11 neighbourhood has a grey standard deviation below this (0: off)");
   command
-      ->add_option(
-          "--lowtex", a->depth.low_texture,
-          "Repeat the mean over pixels whose 11x11 neighbourhood has a grey standard deviation below this (0: off)")
-      ->capture_default_str();
-  command->add_option("--mask", a->depth.masks,
-                      "Repeat the mean over the white pixels of the pictures in this folder, in SCENE or anywhere");
+      ->add_option("--mask", a->depth.masks,
+                   "Repeat the mean over the white pixels of the pictures in this folder, in SCENE or anywhere")
+      ->default_str("");
   command->add_option("--json", a->json, "Write all figures to this file");
   command->add_flag("--quiet", a->quiet, "Leave out the lines per image");
   return command;
@@ -90,10 +88,9 @@ CLI::App* AddCloudCommand(CLI::App* app, EvaluateArguments* a) {
       ->add_option("GROUND_TRUTH", a->cloud.ground_truth,
                    "PLY file in the same frame and unit, or a SCENE: folder with cameras.txt (T_world_cam) and depth/")
       ->required();
-  command->add_option("--thresholds", a->cloud.thresholds, "Distances, separated by commas")
-      ->delimiter(',')
-      ->capture_default_str();
-  command->add_option("--voxel", a->cloud.voxel_size, "Size of the voxels")->capture_default_str();
+  command->option_defaults()->always_capture_default();
+  command->add_option("--thresholds", a->cloud.thresholds, "Distances, separated by commas")->delimiter(',');
+  command->add_option("--voxel", a->cloud.voxel_size, "Size of the voxels");
   AddGroundTruthOptions(command, &a->cloud.truth);
   command->add_option("--json", a->json, "Write all figures to this file");
   return command;

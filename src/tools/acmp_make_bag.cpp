@@ -42,24 +42,23 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
       ->required()
       ->expected(1, 2)
       ->type_name("[SCENE] OUT.bag");
-  app.add_option("--rate", recording.rate_hz, "Images per second of bag time")->capture_default_str();
-  app.add_option("--world-frame", recording.world_frame, "Frame of poses and points")->capture_default_str();
-  app.add_option("--camera-frame", recording.camera_frame, "Frame of the images")->capture_default_str();
+  app.option_defaults()->always_capture_default();
+  app.add_option("--rate", recording.rate_hz, "Images per second of bag time");
+  app.add_option("--world-frame", recording.world_frame, "Frame of poses and points");
+  app.add_option("--camera-frame", recording.camera_frame, "Frame of the images");
 
   const std::string ungrouped = app.option_defaults()->get_group();
   app.option_defaults()->group("From a dataset folder");
-  app.add_option("--format", arguments.format, "Layout of SCENE: auto, colmap or mvsnet")
-      ->type_name("NAME")
-      ->capture_default_str();
+  app.add_option("--format", arguments.format, "Layout of SCENE: auto, colmap or mvsnet")->type_name("NAME");
   app.add_option("--pixel-centers", arguments.pixel_centers,
                  "Of mvsnet: where K has the centre of the first pixel: integer (0, 0) or half (0.5, 0.5)")
-      ->type_name("NAME")
-      ->capture_default_str();
+      ->type_name("NAME");
   app.add_option("--images", arguments.images, "Only these images, by index from 0: 0-9,12");
   app.add_option("--masks", arguments.masks,
                  "Folder of masks, IMAGE_NAME.png as in COLMAP, black = ignore: recorded as /slam/mask")
       ->type_name("DIR");
-  app.add_option("--max-image-size", recording.max_image_size, "Shrink so that the longer side has at most so many px");
+  app.add_option("--max-image-size", recording.max_image_size, "Shrink so that the longer side has at most so many px")
+      ->default_str("");
 
   app.option_defaults()->group("From the synthetic room");
   CLI::Option* synthetic =
@@ -71,15 +70,13 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
          "true, or slam: those of a simulated monocular frontend, with its sparse points: a late start, half the\n"
          "size, drift and a scale that grows until a loop is closed (/slam/optimized_path), jitter")
       ->type_name("NAME")
-      ->check(CLI::IsMember({"true", "slam"}))
-      ->capture_default_str();
-  app.add_option("--width", arguments.scene.width, "px")->capture_default_str();
-  app.add_option("--height", arguments.scene.height, "px")->capture_default_str();
-  app.add_option("--keyframes", arguments.scene.keyframes, "Number of images")->capture_default_str();
-  app.add_option("--seed", arguments.scene.seed, "Of sensor noise and textures")->capture_default_str();
+      ->check(CLI::IsMember({"true", "slam"}));
+  app.add_option("--width", arguments.scene.width, "px");
+  app.add_option("--height", arguments.scene.height, "px");
+  app.add_option("--keyframes", arguments.scene.keyframes, "Number of images");
+  app.add_option("--seed", arguments.scene.seed, "Of sensor noise and textures");
   app.add_option("--stereo-baseline", arguments.scene.stereo_baseline_m,
-                 "Also a second camera so many m to the right (0: none), on /camera_right/image_raw and camera_info")
-      ->capture_default_str();
+                 "Also a second camera so many m to the right (0: none), on /camera_right/image_raw and camera_info");
   app.add_flag("--standing", arguments.scene.standing, "The camera stands for all of it");
   app.add_flag("--moving-object", arguments.scene.moving_object, "A box moves through the room");
   app.add_option("--ground-truth", arguments.ground_truth,

@@ -92,8 +92,7 @@ TEST_F(ColmapWorkspaceTest, DepthMapsTellWhichImagesSeeAPoint) {
   points.AddImage(1, {camera, pose}, unknown);
   points.AddImage(2, {camera, pose}, unknown);
   points.AddImage(3, {camera, pose}, near);
-  EXPECT_REFUSED(points.AddImage(4, {camera, pose}, DepthMap(6, 8)),
-                 "6 x 8 px: must have the size of its camera, 8 x 6");
+  EXPECT_REFUSED(points.AddImage(4, {camera, pose}, DepthMap(6, 8)), "6 x 8: must be the camera's, 8 x 6");
   const std::vector<ColmapModelPoint> found = points.Take();
   EXPECT_EQ(found[0].position_in_world.z(), 10 + double{2.03f});
   EXPECT_EQ(found[0].color.b, 3);

@@ -15,7 +15,6 @@
 #include "acmp_mapping/evaluation/evaluate.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dataset/test_folder.h"
-#include "evaluate_inputs.h"
 #include "support/error_text.h"
 
 namespace acmp {

@@ -70,16 +70,6 @@ TEST(PresetsTest, UnknownNameIsAnErrorThatListsAllNames) {
   }
 }
 
-TEST(PipelineOptionsTest, PartsAreChecked) {
-  PipelineOptions matching, prior, fusion;
-  matching.patch_match.view_draws = 0;
-  prior.planar_prior.cell_size_px = 0;
-  fusion.fusion.max_reprojection_px = -1;
-  EXPECT_THAT(ErrorOf([&] { Validate(matching); }), HasSubstr("view_draws = 0"));
-  EXPECT_THAT(ErrorOf([&] { Validate(prior); }), HasSubstr("cell_size_px = 0"));
-  EXPECT_THAT(ErrorOf([&] { Validate(fusion); }), HasSubstr("max_reprojection_px = -1"));
-}
-
 /// A bound of the option, or the other value of a flag.
 OptionValue Extreme(const Option& option, bool upper) {
   const double bound = upper ? option.max : option.min;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <set>
 #include <string>
 #include <vector>
@@ -17,9 +18,6 @@ struct GroundTruthOptions {
   double png_unit = 1000.0;      ///< counts of .png files per scene unit, > 0
   double max_depth = 0;          ///< what is beyond is left out; 0: none
 };
-
-/// Throws InvalidInputError for values out of bounds.
-void Validate(const GroundTruthOptions& options);
 
 struct DepthEvaluationOptions {
   std::filesystem::path scene;
@@ -55,13 +53,22 @@ struct DepthEvaluation {
   std::vector<std::string> notes;
 };
 
+struct PredictionIndex {
+  std::map<int, std::filesystem::path> files;  ///< by image index
+  std::vector<std::string> notes;              ///< what was left aside, for the user
+};
+
+/// Finds the depth maps of a folder: .pfm, .dmb or .png named by the image's own stem or by its index (the last number
+/// in the file name), or ACMP's own output (2333_<index>/depths_geom.dmb, else depths_prior.dmb, else depths.dmb).
+/// Of several for one image .pfm goes before .dmb and that before .png. `name`, if not empty, is the file to read in
+/// 2333_* folders, else a regular expression that file names must contain. Throws InvalidInputError when the folder or
+/// every map is missing.
+PredictionIndex FindPredictions(const std::filesystem::path& folder, const std::vector<ListedImage>& images,
+                                const std::string& name);
+
 /// Compares the depth maps of a folder with a scene's ground truth. Throws InvalidInputError for whatever is missing,
 /// unreadable or out of bounds.
 DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options);
-
-/// 8-bit grey values of a picture file as OpenCV's imread(IMREAD_GRAYSCALE) gives them: the luma of a JPEG, for others
-/// libpng's weighted sum, rounded down.
-Image<unsigned char> ReadGray8(const std::filesystem::path& path);
 
 /// 1 where the 11x11 neighbourhood in the picture, resized to width x height, has a standard deviation below
 /// `threshold`.

@@ -15,7 +15,5 @@ struct FusionOptions {
   float max_relative_depth = 0.02f;    ///< (0, 1)
   float max_normal_angle_deg = 30.0f;  ///< (0, 180]
 };
-/// Throws InvalidInputError naming the first field out of bounds.
-void Validate(const FusionOptions& options);
 
 }  // namespace acmp

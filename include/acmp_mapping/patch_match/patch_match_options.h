@@ -13,7 +13,8 @@ enum class Method {
   kAcmp,  ///< Xu and Tao, AAAI 2020; its photometric pass is ACMH's, as the paper says
 };
 
-/// Parameters of one PatchMatch pass. Defaults are the paper's where nothing else is said.
+/// Parameters of one PatchMatch pass. Defaults are the paper's where nothing else is said. Bounds are those of the
+/// kernels: what a user can set is checked by the table of options, the rest is a preset's.
 struct PatchMatchOptions {
   Method method = Method::kOurs;
   int photometric_iterations = 3;   ///< T_photo, 1..20
@@ -54,8 +55,5 @@ struct PatchMatchOptions {
   float geometric_weight = 0.2f;  ///< lambda_geo of eq. 13, >= 0; ACMH's, ACMP has 0.1
   float geometric_max_px = 3.0f;  ///< tau_geo of eq. 13, > 0; ACMH's, ACMP has 5
 };
-
-/// Throws InvalidInputError naming the first field out of bounds.
-void Validate(const PatchMatchOptions& options);
 
 }  // namespace acmp

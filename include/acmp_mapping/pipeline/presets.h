@@ -24,6 +24,8 @@ struct PipelineOptions {
   bool use_planar_prior = true;  ///< steps 10-20 of Algorithm 1
   int geometric_passes = 2;      ///< how often steps 21-30 run, 0..10
 };
+/// Throws InvalidInputError naming the first option that a user can set and that is out of bounds or does not go with
+/// another.
 void Validate(const PipelineOptions& options);
 
 /// Options of the pipeline that a user can set, over those of the preset. A mapper has those that may change while it

@@ -14,7 +14,6 @@ struct PlanarPriorOptions {
   float max_support_cost = 0.1f;     ///< epsilon of the paper: costs below are credible correspondences
   float max_grazing_angle_deg = 85;  ///< between a plane's normal and the ray to its triangle's centroid, (0, 90)
 };
-void Validate(const PlanarPriorOptions& options);
 
 /// Per cell the pixel of least cost among those with a cost below max_support_cost and a depth in `range` ("sparse
 /// credible correspondences"); the first in row-major order among equals. Row-major order of cells.

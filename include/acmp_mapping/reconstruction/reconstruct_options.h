@@ -81,7 +81,6 @@ void AddReconstructOptions(CLI::App* app, ReconstructOptions* options);
 void Validate(const ReconstructOptions& options);
 
 PipelineOptions MakePipelineOptions(const ReconstructOptions& options);
-FrameOptions MakeFrameOptions(const ReconstructOptions& options);
 
 /// For the online schedule. `dataset_range` stands in where an image has no landmarks; 0, 0 when the dataset names
 /// none.

@@ -1,0 +1,391 @@
+#include "acmp_mapping/evaluation/evaluate.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <regex>
+#include <utility>
+
+#include <opencv2/imgproc.hpp>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
+
+namespace acmp {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::optional<int> LastNumber(const std::string& text) {
+  static const std::regex pattern("([0-9]+)[^0-9]*$");
+  std::smatch number;
+  if (!std::regex_search(text, number, pattern)) return {};
+  const std::string digits = number[1];
+  int value = 0;
+  const bool fits = std::from_chars(digits.data(), digits.data() + digits.size(), value).ec == std::errc();
+  return fits ? std::make_optional(value) : std::nullopt;
+}
+
+std::vector<fs::path> SortedEntries(const fs::path& folder) {
+  std::vector<fs::path> entries;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    if (entry.path().filename().string().front() != '.') entries.push_back(entry.path());
+  }
+  std::sort(entries.begin(), entries.end());
+  return entries;
+}
+
+// The output of the public ACMP program.
+std::map<int, fs::path> FindAcmpOutput(const std::vector<fs::path>& entries, const std::string& name) {
+  const std::vector<std::string> candidates =
+      name.empty() ? std::vector<std::string>{"depths_geom.dmb", "depths_prior.dmb", "depths.dmb"}
+                   : std::vector<std::string>{name};
+  std::map<int, fs::path> found;
+  for (const fs::path& folder : entries) {
+    const auto index = LastNumber(folder.filename().string());
+    for (const std::string& candidate : candidates) {
+      if (!index || !fs::exists(folder / candidate)) continue;
+      found[*index] = folder / candidate;
+      break;
+    }
+  }
+  return found;
+}
+
+std::regex ParsePattern(const std::string& text) {
+  try {
+    return std::regex(text);
+  } catch (const std::regex_error& error) {
+    throw InvalidInputError(Concat("--name \"", text, "\": not a regular expression: ", error.what()));
+  }
+}
+
+// Files of an extension: an image's own stem goes before its index, which the first file in order gets.
+std::map<int, fs::path> FindNamedMaps(const std::vector<fs::path>& entries, const std::vector<ListedImage>& images,
+                                      const std::regex& pattern, const char* extension) {
+  std::map<std::string, int> index_of_stem;
+  for (const ListedImage& image : images) {
+    index_of_stem[fs::path(image.name).replace_extension().string()] = image.index;
+  }
+  std::map<int, fs::path> found;
+  for (const fs::path& file : entries) {
+    if (LowerExtension(file) != extension || !std::regex_search(file.filename().string(), pattern)) continue;
+    const std::string stem = file.stem().string();
+    if (const auto own = index_of_stem.find(stem); own != index_of_stem.end()) {
+      found[own->second] = file;
+    } else if (const auto index = LastNumber(stem)) {
+      found.emplace(*index, file);
+    }
+  }
+  return found;
+}
+
+void Check(const GroundTruthOptions& options) {
+  CheckPositive("--gt-png-unit", options.png_unit);
+  CheckRange("--max-depth", options.max_depth, 0.0, 1e9);
+}
+
+// The folder of ground truth or masks: `name` within the scene if there is one, else `name` itself.
+fs::path FindFolder(const fs::path& scene, const std::string& name) {
+  for (const fs::path& folder : {scene / name, fs::path(name)}) {
+    if (fs::is_directory(folder)) return folder;
+  }
+  throw InvalidInputError(Concat("no folder ", (scene / name).string(), " nor ", name));
+}
+
+// FOLDER/000007.EXT with the first of `extensions` that exists; empty when none does.
+fs::path FindMap(const fs::path& folder, int index, const std::vector<std::string>& extensions) {
+  char stem[16];
+  std::snprintf(stem, sizeof(stem), "%06d", index);
+  for (const std::string& extension : extensions) {
+    fs::path path = folder / (stem + extension);
+    if (fs::exists(path)) return path;
+  }
+  return {};
+}
+
+// The true map of an image; empty when the folder has none.
+DepthMap ReadGroundTruth(const fs::path& folder, int index, const GroundTruthOptions& options) {
+  const fs::path path = FindMap(folder, index, {".png", ".pfm", ".dmb"});
+  if (path.empty()) return {};
+  DepthMap truth = ReadDepth(path, options.png_unit);
+  if (options.max_depth > 0) {
+    const auto limit = static_cast<float>(options.max_depth);
+    std::replace_if(
+        truth.begin(), truth.end(), [limit](float z) { return z > limit; }, 0.0f);
+  }
+  return truth;
+}
+
+// Gathers one region's metrics over the images.
+class RegionMean {
+ public:
+  explicit RegionMean(std::string name) : name_(std::move(name)) {}
+
+  void Add(const DepthMap& estimate, const DepthMap& truth, const Image<unsigned char>& mask, size_t truth_pixels) {
+    constexpr size_t kMinPixels = 50;  // fewer say nothing
+    const DepthMetrics metrics = EvaluateDepth(estimate, truth, mask.View());
+    if (metrics.ground_truth_pixels <= kMinPixels) return;
+    metrics_.push_back(metrics);
+    share_sum_ += static_cast<double>(metrics.ground_truth_pixels) / truth_pixels;
+  }
+
+  void AppendTo(std::vector<RegionEvaluation>* regions) const {
+    if (!metrics_.empty()) regions->push_back({name_, share_sum_ / metrics_.size(), Mean(metrics_)});
+  }
+
+ private:
+  std::string name_;
+  std::vector<DepthMetrics> metrics_;
+  double share_sum_ = 0;
+};
+
+void Multiply(double factor, DepthMap* depths) {
+  for (float& depth : *depths) depth *= static_cast<float>(factor);
+}
+
+DepthMap ReadPrediction(const fs::path& path, double scale) {
+  DepthMap estimate = ReadDepth(path);
+  Multiply(scale, &estimate);
+  return estimate;
+}
+
+// Empty when the folder has none for this image.
+Image<unsigned char> ReadMask(const fs::path& folder, int index, const DepthMap& truth) {
+  const fs::path path = FindMap(folder, index, {".png"});
+  if (path.empty()) return {};
+  const ColorImage picture = ReadColorImage(path);
+  if (picture.width() != truth.width() || picture.height() != truth.height()) {
+    throw InvalidInputError(Concat(path.string(), ": size ", picture.width(), " x ", picture.height(),
+                                   ": must be the ground truth's, ", truth.width(), " x ", truth.height()));
+  }
+  Image<unsigned char> mask(picture.width(), picture.height());
+  std::transform(picture.begin(), picture.end(), mask.begin(), [](const Rgb& c) { return c.r; });
+  return mask;
+}
+
+void Check(const DepthEvaluationOptions& options) {
+  CheckPositive("--scale", options.scale);
+  Check(options.truth);
+  CheckRange("--lowtex", options.low_texture, 0.0, 255.0);
+}
+
+// 8-bit grey values of a picture file as OpenCV's imread(IMREAD_GRAYSCALE) gives them: the luma of a JPEG, for others
+// libpng's weighted sum, rounded down.
+Image<unsigned char> ReadGray8(const fs::path& path) {
+  // 15-bit weights of red, green and blue.
+  constexpr unsigned kRed = 9797, kGreen = 19234, kBlue = 3737, kHalf = 1u << 14;
+  const std::string extension = LowerExtension(path);
+  const unsigned rounding = extension == ".jpg" || extension == ".jpeg" ? kHalf : 0;
+  const ColorImage color = ReadColorImage(path);
+  Image<unsigned char> gray(color.width(), color.height());
+  std::transform(color.begin(), color.end(), gray.begin(), [rounding](const Rgb& c) {
+    return static_cast<unsigned char>((kRed * c.r + kGreen * c.g + kBlue * c.b + rounding) >> 15);
+  });
+  return gray;
+}
+
+constexpr const char* kIndexName = "index.json";
+
+nlohmann::json ReadIndex(const fs::path& path) {
+  std::ifstream stream(path);
+  if (!stream) throw InvalidInputError(Concat(path.string(), ": cannot be read"));
+  nlohmann::json index = nlohmann::json::parse(stream, nullptr, false);
+  if (!index.is_object() || !index.contains("tiles") || !index["tiles"].is_array()) {
+    throw InvalidInputError(Concat(path.string(), ": must be JSON with a list \"tiles\""));
+  }
+  return index;
+}
+
+void AppendTile(const fs::path& index, const nlohmann::json& tile, PointCloud* points, ReadOrigin* origin) {
+  const auto has = [&tile](const char* key) { return tile.is_object() && tile.contains(key); };
+  if (!has("file") || !tile["file"].is_string() || !has("points") || !tile["points"].is_number_unsigned()) {
+    throw InvalidInputError(Concat(index.string(),
+                                   ": a tile must have \"file\", a name, and \"points\", a number, and is ",
+                                   tile.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace).substr(0, 100)));
+  }
+  const fs::path name = tile["file"].get<std::string>();
+  if (name != name.filename()) {
+    throw InvalidInputError(Concat(index.string(), ": file ", name, ": must be in the same folder"));
+  }
+  const fs::path path = index.parent_path() / name;
+  const PointCloud read = ReadPly(path, origin);
+  const auto listed = tile["points"].get<uint64_t>();
+  if (read.size() != listed) {
+    throw InvalidInputError(
+        Concat(path.string(), ": has ", read.size(), " points: must be ", listed, ", as ", kIndexName, " says"));
+  }
+  points->insert(points->end(), read.begin(), read.end());
+}
+
+// Adds the true maps of a scene, of which one at a time is in memory. Returns how many there are.
+size_t AddTrueMaps(const CloudEvaluationOptions& options, const Eigen::Vector3d& origin, ObservedSurface* surface) {
+  const fs::path folder = FindFolder(options.ground_truth, options.truth.folder);
+  size_t maps = 0;
+  for (ListedCamera& image : ReadCameraList(options.ground_truth / "cameras.txt")) {
+    const DepthMap truth = ReadGroundTruth(folder, image.image.index, options.truth);
+    if (truth.empty()) continue;
+    image.world_from_cam.translation() -= origin;
+    surface->Add(truth, image.camera.Resized(truth.width(), truth.height()), image.world_from_cam.inverse());
+    ++maps;
+  }
+  if (surface->cloud().empty()) {
+    throw InvalidInputError(Concat(folder.string(), ": ", maps, " maps, 0 pixels of known depth: must be at least 1"));
+  }
+  return maps;
+}
+
+}  // namespace
+
+PredictionIndex FindPredictions(const fs::path& folder, const std::vector<ListedImage>& images,
+                                const std::string& name) {
+  if (!fs::is_directory(folder)) throw InvalidInputError(Concat(folder.string(), ": no such folder of predictions"));
+  const std::vector<fs::path> entries = SortedEntries(folder);
+  std::vector<fs::path> acmp_folders;
+  for (const fs::path& entry : entries) {
+    if (entry.filename().string().rfind("2333_", 0) == 0) acmp_folders.push_back(entry);
+  }
+
+  PredictionIndex index;
+  if (!acmp_folders.empty()) {
+    index.files = FindAcmpOutput(acmp_folders, name);
+  } else {
+    const std::regex pattern = ParsePattern(name);
+    index.files = FindNamedMaps(entries, images, pattern, ".pfm");
+    size_t set_aside = 0;
+    for (const char* extension : {".dmb", ".png"}) {
+      for (const auto& [image, path] : FindNamedMaps(entries, images, pattern, extension)) {
+        set_aside += !index.files.emplace(image, path).second;
+      }
+    }
+    if (set_aside > 0)
+      index.notes.push_back(
+          Concat(set_aside, " maps left aside for another of their image: .pfm before .dmb before .png"));
+  }
+  const bool any = std::any_of(images.begin(), images.end(),
+                               [&](const ListedImage& image) { return index.files.count(image.index) > 0; });
+  if (!any)
+    throw InvalidInputError(Concat(folder.string(), ": no .pfm, .dmb or .png named after an image of the scene"));
+  return index;
+}
+
+Image<unsigned char> LowTextureMask(Image<unsigned char> picture, int width, int height, double threshold) {
+  constexpr int kWindow = 11;
+  cv::Mat gray(picture.height(), picture.width(), CV_8U, picture.data());
+  if (gray.cols != width || gray.rows != height) {
+    cv::Mat resized;
+    cv::resize(gray, resized, {width, height}, 0, 0, cv::INTER_AREA);
+    gray = resized;
+  }
+  cv::Mat mean, mean_square;
+  gray.convertTo(gray, CV_32F);
+  cv::blur(gray, mean, {kWindow, kWindow});
+  cv::blur(gray.mul(gray), mean_square, {kWindow, kWindow});
+  Image<unsigned char> mask(width, height);
+  for (int row = 0; row < height; ++row) {
+    for (int col = 0; col < width; ++col) {
+      const float mu = mean.at<float>(row, col);
+      const float variance = std::max(mean_square.at<float>(row, col) - mu * mu, 0.0f);
+      mask(col, row) = std::sqrt(variance) < static_cast<float>(threshold) ? 1 : 0;
+    }
+  }
+  return mask;
+}
+
+DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
+  Check(options);
+  std::vector<ListedImage> images;
+  for (const ListedCamera& camera : ReadCameraList(options.scene / "cameras.txt")) images.push_back(camera.image);
+  const fs::path truth_folder = FindFolder(options.scene, options.truth.folder);
+  PredictionIndex predictions = FindPredictions(options.predictions, images, options.name);
+
+  DepthEvaluation evaluation;
+  evaluation.notes = std::move(predictions.notes);
+  DepthErrors pool;
+  RegionMean low_texture("lowtex");
+  std::vector<std::pair<fs::path, RegionMean>> masks;
+  for (const std::string& mask : options.masks) {
+    masks.emplace_back(FindFolder(options.scene, mask), RegionMean(fs::path(mask).filename().string()));
+  }
+  size_t without_picture = 0;
+  for (const ListedImage& image : images) {
+    if (!options.subset.empty() && options.subset.count(image.index) == 0) continue;
+    const DepthMap truth = ReadGroundTruth(truth_folder, image.index, options.truth);
+    if (truth.empty()) continue;
+    const auto found = predictions.files.find(image.index);
+    const bool has_prediction = found != predictions.files.end();
+    DepthMap estimate = has_prediction ? ReadPrediction(found->second, options.scale) : DepthMap();
+    if (options.median_scale) Multiply(MedianScale(estimate, truth), &estimate);
+    const DepthMetrics metrics = EvaluateDepth(estimate, truth);
+    evaluation.images.push_back({image.index, image.name, has_prediction, metrics});
+    pool.Add(estimate, truth);
+
+    const fs::path picture = options.scene / "images" / image.name;
+    if (options.low_texture > 0 && fs::exists(picture)) {
+      const auto mask = LowTextureMask(ReadGray8(picture), truth.width(), truth.height(), options.low_texture);
+      low_texture.Add(estimate, truth, mask, metrics.ground_truth_pixels);
+    } else if (options.low_texture > 0) {
+      ++without_picture;
+    }
+    for (auto& [folder, region] : masks) {
+      const Image<unsigned char> mask = ReadMask(folder, image.index, truth);
+      if (!mask.empty()) region.Add(estimate, truth, mask, metrics.ground_truth_pixels);
+    }
+  }
+  if (evaluation.images.empty()) throw InvalidInputError(Concat("no ground truth found in ", truth_folder.string()));
+
+  std::vector<DepthMetrics> metrics;
+  for (const ImageEvaluation& image : evaluation.images) metrics.push_back(image.metrics);
+  evaluation.mean = Mean(metrics);
+  evaluation.pool = pool.Metrics();
+  low_texture.AppendTo(&evaluation.regions);
+  for (const auto& [folder, region] : masks) region.AppendTo(&evaluation.regions);
+  if (without_picture > 0)
+    evaluation.notes.push_back(Concat(without_picture, " images left out of lowtex: no picture"));
+  return evaluation;
+}
+
+PointCloud ReadCloud(const fs::path& path, double mesh_spacing, ReadOrigin* origin) {
+  const fs::path index_path = path.filename() == kIndexName ? path : path / kIndexName;
+  if (index_path != path && !fs::exists(index_path)) {
+    TriangleMesh mesh = ReadPlyMesh(path, origin);
+    return mesh.triangles.empty() ? std::move(mesh.vertices) : SampleMesh(mesh, mesh_spacing);
+  }
+  const nlohmann::json index = ReadIndex(index_path);
+  PointCloud points;
+  for (const nlohmann::json& tile : index["tiles"]) AppendTile(index_path, tile, &points, origin);
+  return points;
+}
+
+CloudEvaluation EvaluateCloudFile(const CloudEvaluationOptions& options) {
+  Check(options.truth);
+  CheckPositive("--voxel", options.voxel_size);
+  if (options.thresholds.empty()) throw InvalidInputError("--thresholds: 0 values: must be at least 1");
+  for (const double threshold : options.thresholds) CheckPositive("--thresholds", threshold);
+
+  CloudEvaluation evaluation;
+  evaluation.voxel_size = options.voxel_size;
+  ReadOrigin origin;
+  const PointCloud reconstruction = ReadCloud(options.reconstruction, options.voxel_size / 2, &origin);
+  evaluation.reconstructed_points = evaluation.observed_points = reconstruction.size();
+  if (!fs::is_directory(options.ground_truth)) {
+    const PointCloud truth = ReadCloud(options.ground_truth, options.voxel_size / 2, &origin);
+    evaluation.true_points = truth.size();
+    evaluation.metrics = EvaluateCloud(reconstruction, truth, options.thresholds, options.voxel_size);
+    return evaluation;
+  }
+  const double largest = *std::max_element(options.thresholds.begin(), options.thresholds.end());
+  ObservedSurface surface(reconstruction, options.voxel_size / 2, largest);
+  evaluation.true_maps = AddTrueMaps(options, origin.value_or(Eigen::Vector3d::Zero()), &surface);
+  evaluation.true_points = surface.cloud().size();
+  const std::vector<uint8_t>& observed = surface.observed();
+  evaluation.observed_points = static_cast<size_t>(std::count(observed.begin(), observed.end(), 1));
+  evaluation.metrics = EvaluateCloud(reconstruction, surface.cloud(), options.thresholds, options.voxel_size, observed);
+  return evaluation;
+}
+
+}  // namespace acmp
