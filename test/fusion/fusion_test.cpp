@@ -140,7 +140,6 @@ TEST_P(FusionTest, TakesAsManySourcesAsTheMatcherAndRefusesBadInput) {
   scaled.cam_from_world.linear() *= 1.1;
   EXPECT_THAT(ErrorOf([&] { Filter({scaled.View(), view.View()}); }), HasSubstr("reference view"));
   EXPECT_THAT(ErrorOf([&] { Filter({view.View(), view.View(), scaled.View()}); }), HasSubstr("source view 1"));
-  EXPECT_THAT(ErrorOf([&] { Filter({view.View()}, PaperFusion(-1)); }), HasSubstr("min_consistent_views = -1"));
 }
 
 TEST_P(FusionTest, KeepsTheReferenceNormalWhenNormalsCancel) {
