@@ -22,7 +22,7 @@ constexpr double kNoise_m = 0.003;      // standard deviation of a landmark's po
 // Half size in px of the window that a corner is judged by.
 int HalfWindow(const PinholeCamera& camera) { return std::clamp(camera.width / 80, 1, 3); }
 
-struct Landmark {
+struct SlamLandmark {
   Vec3d truth;
   Vec3d mapped;
 };
@@ -85,11 +85,12 @@ bool OnTexturedSurface(const Rendering& view, int col, int row) {
 }
 
 // Adds the best corner of each cell of the image in which no earlier landmark is seen.
-void AddCorners(const SyntheticWorld& world, const Rendering& view, uint32_t seed, std::vector<Landmark>* landmarks) {
+void AddCorners(const SyntheticWorld& world, const Rendering& view, uint32_t seed,
+                std::vector<SlamLandmark>* landmarks) {
   const int window = HalfWindow(view.camera), border = window + 1;
   const int cell_px = std::max(2 * window, view.camera.width / kCellsAcross);
   std::set<std::pair<int, int>> taken;  // column and row of the cell
-  for (const Landmark& landmark : *landmarks) {
+  for (const SlamLandmark& landmark : *landmarks) {
     const auto pixel = Observe(world, view, landmark.truth);
     if (pixel) taken.insert({pixel->x() / cell_px, pixel->y() / cell_px});
   }
@@ -126,7 +127,7 @@ void AddCorners(const SyntheticWorld& world, const Rendering& view, uint32_t see
 
 std::vector<std::vector<Eigen::Vector3d>> MakeLandmarks(const SyntheticWorld& world,
                                                         const std::vector<Rendering>& views, uint32_t seed) {
-  std::vector<Landmark> landmarks;
+  std::vector<SlamLandmark> landmarks;
   for (const Rendering& view : views) AddCorners(world, view, seed, &landmarks);
   std::vector<std::vector<char>> seen(views.size(), std::vector<char>(landmarks.size()));
   tbb::parallel_for(size_t{0}, views.size(), [&](size_t view) {
