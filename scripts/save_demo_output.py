@@ -115,7 +115,8 @@ def main():
         signal.signal(number, give_up)
     signal.alarm(options.timeout)
     try:
-        with open(folder / "roslaunch.log", "w") as log:
+        (folder / "roslaunch.log").write_text("")
+        with open(folder / "roslaunch.log", "a") as log:  # nodes of Debian 13 open it anew: each line goes to its end
             processes.append(subprocess.Popen(
                 ["roslaunch", "acmp_mapping", "demo.launch", f"bag:={bag}", f"save_folder:={folder}", *options.arguments,
                  f"play_args:=--wait-for-subscribers --quiet --topics {topics}"], stdin=subprocess.DEVNULL, stdout=log,
