@@ -3,6 +3,7 @@
 pictures (PNG), the map and its mesh (PLY). Files are numbered by the position of their image in the bag. Exits with 1 when the
 mapper gave no map."""
 import argparse
+import os
 import collections
 import signal
 import subprocess
@@ -120,7 +121,7 @@ def main():
             processes.append(subprocess.Popen(
                 ["roslaunch", "acmp_mapping", "demo.launch", f"bag:={bag}", f"save_folder:={folder}", *options.arguments,
                  f"play_args:=--wait-for-subscribers --quiet --topics {topics}"], stdin=subprocess.DEVNULL, stdout=log,
-                stderr=subprocess.STDOUT))
+                stderr=subprocess.STDOUT, env={**os.environ, "PYTHONUNBUFFERED": "1"}))  # in the order of what happened
         save_all(bag, folder)
         signal.alarm(0)
         if shows and sys.stdin.isatty():
