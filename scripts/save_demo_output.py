@@ -3,8 +3,8 @@
 pictures (PNG), the map and its mesh (PLY). Files are numbered by the position of their image in the bag. Exits with 1 when the
 mapper gave no map."""
 import argparse
-import os
 import collections
+import os
 import signal
 import subprocess
 import sys
