@@ -14,6 +14,7 @@ file or the network; the mapper goes on without.
 """
 import argparse
 import collections
+import contextlib
 import difflib
 import io
 import math
@@ -458,7 +459,8 @@ def main():
     except Refused as error:
         if ros:
             ros.rospy.logerr("%s. The mapper goes on without this network", error)
-            ros.rospy.signal_shutdown("refused")  # unregisters the node
+            with contextlib.suppress(AttributeError):  # Debian 11: after all it does, of threads' isAlive of older Pythons
+                ros.rospy.signal_shutdown("refused")  # unregisters the node
         else:
             print(f"network_node: {error}", file=sys.stderr)
         return 2
