@@ -16,16 +16,19 @@ int LevelOf(const Eigen::Matrix2d& warp, int l, int levels) {
   return std::clamp(static_cast<int>(std::lround(l - std::log2(scale))), 0, levels - 1);
 }
 
-struct Template {
-  int side = kPatchSide;  ///< Eigen's sums begin where memory is aligned: without it the arrays' last bits were others
-  float values[kPatchPixels];  ///< zero mean, unit norm
-  float dx[kPatchPixels];      ///< gradients of these
-  float dy[kPatchPixels];
-  Eigen::Matrix2f inverse_hessian;
+/// A value per pixel, row by row. Aligned, so that Eigen adds them in the same order wherever they lie.
+struct alignas(EIGEN_MAX_ALIGN_BYTES) Patch {
+  float pixels[kPatchPixels];
+
+  auto vector() { return Eigen::Map<Eigen::VectorXf, Eigen::AlignedMax>(pixels, kPatchPixels); }
+  auto vector() const { return Eigen::Map<const Eigen::VectorXf, Eigen::AlignedMax>(pixels, kPatchPixels); }
 };
 
-using Values = Eigen::Map<Eigen::VectorXf>;  // its sums are vector code
-using ConstValues = Eigen::Map<const Eigen::VectorXf>;
+struct Template {
+  Patch values;  ///< zero mean, unit norm
+  Patch dx, dy;  ///< gradients of these
+  Eigen::Matrix2f inverse_hessian;
+};
 
 /// False where the patch leaves the image or has no texture.
 bool MakeTemplate(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Eigen::Matrix2d& inverse_warp,
@@ -53,12 +56,12 @@ bool MakeTemplate(const GrayPyramid& image, const Eigen::Vector2d& pixel, const 
   for (int row = 0, i = 0; row < kPatchSide; ++row) {
     for (int col = 0; col < kPatchSide; ++col, ++i) {
       const float* p = values + (row + 1) * side + col + 1;
-      patch->values[i] = *p;
-      patch->dx[i] = 0.5f * (p[1] - p[-1]);
-      patch->dy[i] = 0.5f * (p[side] - p[-side]);
+      patch->values.pixels[i] = *p;
+      patch->dx.pixels[i] = 0.5f * (p[1] - p[-1]);
+      patch->dy.pixels[i] = 0.5f * (p[side] - p[-side]);
     }
   }
-  Values centred(patch->values, kPatchPixels), dx(patch->dx, kPatchPixels), dy(patch->dy, kPatchPixels);
+  auto centred = patch->values.vector(), dx = patch->dx.vector(), dy = patch->dy.vector();
   centred.array() -= centred.mean();
   const float squares = centred.squaredNorm();
   if (!(squares > kPatchPixels)) return false;  // a standard deviation of one grey value
@@ -73,7 +76,7 @@ bool MakeTemplate(const GrayPyramid& image, const Eigen::Vector2d& pixel, const 
 }
 
 /// Samples the patch at `at`, zero mean and unit norm. False where it leaves the image or is blank.
-bool SamplePatch(const Image<uint8_t>& image, const Eigen::Vector2f& at, float* values) {
+bool SamplePatch(const Image<uint8_t>& image, const Eigen::Vector2f& at, Patch* values) {
   const int left = static_cast<int>(std::floor(at.x())) - kPatchHalfWidth,
             top = static_cast<int>(std::floor(at.y())) - kPatchHalfWidth;
   if (left < 0 || top < 0 || left + kPatchSide >= image.width() || top + kPatchSide >= image.height()) return false;
@@ -83,10 +86,10 @@ bool SamplePatch(const Image<uint8_t>& image, const Eigen::Vector2f& at, float* 
     const uint8_t* p = &image(left, top + row);
     const uint8_t* q = p + image.width();
     for (int col = 0; col < kPatchSide; ++col, ++i) {
-      values[i] = w00 * p[col] + w01 * p[col + 1] + w10 * q[col] + w11 * q[col + 1];
+      values->pixels[i] = w00 * p[col] + w01 * p[col + 1] + w10 * q[col] + w11 * q[col + 1];
     }
   }
-  Values centred(values, kPatchPixels);
+  auto centred = values->vector();
   centred.array() -= centred.mean();
   const float squares = centred.squaredNorm();
   if (!(squares > 0.25f * kPatchPixels)) return false;
@@ -106,7 +109,7 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
   const Eigen::Matrix2d inverse_warp = warp.inverse();
   Eigen::Vector2d at = start;
   Template patch;
-  float values[kPatchPixels];
+  Patch values;
   bool converged = false;
   for (int level = std::min(kStartLevel, other.levels() - 1); level >= 0; --level) {
     const int image_level = LevelOf(warp, level, image.levels());
@@ -115,12 +118,11 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
       continue;  // near the border the coarse levels have no room
     }
     Eigen::Vector2f p(static_cast<float>(ToLevel(at.x(), level)), static_cast<float>(ToLevel(at.y(), level)));
-    const ConstValues dx(patch.dx, kPatchPixels), dy(patch.dy, kPatchPixels), wanted(patch.values, kPatchPixels);
-    const ConstValues seen(values, kPatchPixels);
+    const auto dx = patch.dx.vector(), dy = patch.dy.vector(), wanted = patch.values.vector(), seen = values.vector();
     bool inside = true;
     converged = false;
     for (int iteration = 0; iteration < kIterations && inside; ++iteration) {
-      inside = SamplePatch(other.level(level), p, values);
+      inside = SamplePatch(other.level(level), p, &values);
       if (!inside) break;
       Eigen::Vector2f move = patch.inverse_hessian * Eigen::Vector2f(dx.dot(seen - wanted), dy.dot(seen - wanted));
       const float length = move.norm();
@@ -141,9 +143,9 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
   }
   if (!converged) return result;
   const Eigen::Vector2f p = at.cast<float>();
-  if (!SamplePatch(other.level(0), p, values)) return result;
+  if (!SamplePatch(other.level(0), p, &values)) return result;
   result.pixel = at;
-  result.ncc = ConstValues(values, kPatchPixels).dot(ConstValues(patch.values, kPatchPixels));
+  result.ncc = values.vector().dot(patch.values.vector());
   result.found = result.ncc >= kMinNcc;
   return result;
 }
