@@ -6,7 +6,6 @@
 #include <mutex>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <deque>
 #include <memory>
@@ -218,14 +217,12 @@ class MotionPrior : public ceres::SizedCostFunction<6, kPoseSize, kPoseSize> {
   const double turn_weight_, move_weight_;
 };
 
-std::array<double, kPoseSize> ToParameters(const ViewPose& pose) {
-  const Eigen::Quaterniond& q = pose.rotation;
-  return {q.x(), q.y(), q.z(), q.w(), pose.centre.x(), pose.centre.y(), pose.centre.z()};
+void ToParameters(const ViewPose& pose, double* p) {
+  std::copy_n(pose.rotation.coeffs().data(), 4, p);
+  std::copy_n(pose.centre.data(), 3, p + 4);
 }
 
-ViewPose FromParameters(const std::array<double, kPoseSize>& p) {
-  return {Eigen::Quaterniond(p[3], p[0], p[1], p[2]), {p[4], p[5], p[6]}};
-}
+ViewPose FromParameters(const double* p) { return {Eigen::Quaterniond(p[3], p[0], p[1], p[2]), {p[4], p[5], p[6]}}; }
 
 /// Ceres reports single steps that fail, which it then repeats shorter, through glog to stderr. The level is the whole
 /// process's: the first of several mappers that adjust at once lowers it, the last one puts it back.
@@ -254,26 +251,33 @@ class QuietLog {
 class Adjustment {
  public:
   Adjustment(const BundleWeights& weights, size_t fixed_views, Bundle* bundle, CameraErrors* camera)
-      : weights_(weights), fixed_views_(fixed_views), bundle_(*bundle), camera_(*camera), problem_(KeepOurs()) {
-    for (const ViewPose& pose : bundle_.poses) poses_.push_back(ToParameters(pose));
-    for (size_t i = 0; i < poses_.size(); ++i) {
-      problem_.AddParameterBlock(poses_[i].data(), kPoseSize, &manifold_);
-      ordering_->AddElementToGroup(poses_[i].data(), 1);
+      : weights_(weights),
+        fixed_views_(fixed_views),
+        bundle_(*bundle),
+        camera_(*camera),
+        parameters_(kPoseSize * bundle->size() + 3),
+        camera_errors_(&parameters_[kPoseSize * bundle->size()]),
+        problem_(KeepOurs()) {
+    for (size_t i = 0; i < bundle_.size(); ++i) {
+      ToParameters(bundle_.poses[i], PoseOf(i));
+      problem_.AddParameterBlock(PoseOf(i), kPoseSize, &manifold_);
+      ordering_->AddElementToGroup(PoseOf(i), 1);
       if (i < fixed_views) {
-        problem_.SetParameterBlockConstant(poses_[i].data());
+        problem_.SetParameterBlockConstant(PoseOf(i));
         continue;
       }
-      AddPrior<PosePrior>({poses_[i].data()}, bundle_.expected[i], weights.rotation_sigma, weights.position_sigma);
+      AddPrior<PosePrior>({PoseOf(i)}, bundle_.expected[i], weights.rotation_sigma, weights.position_sigma);
     }
-    for (size_t i = fixed_views > 0 ? fixed_views - 1 : 0; i + 1 < poses_.size(); ++i) {
-      AddPrior<MotionPrior>({poses_[i].data(), poses_[i + 1].data()}, bundle_.expected[i], bundle_.expected[i + 1],
+    for (size_t i = fixed_views > 0 ? fixed_views - 1 : 0; i + 1 < bundle_.size(); ++i) {
+      AddPrior<MotionPrior>({PoseOf(i), PoseOf(i + 1)}, bundle_.expected[i], bundle_.expected[i + 1],
                             weights.turn_sigma, weights.move_sigma);
     }
-    camera_errors_ = ToVector(camera_);
-    problem_.AddParameterBlock(camera_errors_.data(), 3);
-    ordering_->AddElementToGroup(camera_errors_.data(), 1);
+    const Eigen::Vector3d camera_errors = ToVector(camera_);
+    std::copy_n(camera_errors.data(), 3, camera_errors_);
+    problem_.AddParameterBlock(camera_errors_, 3);
+    ordering_->AddElementToGroup(camera_errors_, 1);
     const Eigen::Vector3d camera_weights = ToVector(weights.camera_sigma).cwiseInverse();
-    AddPrior<ceres::NormalPrior>({camera_errors_.data()}, camera_weights.asDiagonal(), camera_errors_);
+    AddPrior<ceres::NormalPrior>({camera_errors_}, camera_weights.asDiagonal(), camera_errors);
     const std::vector<CameraMotion> motions = MotionsOf(bundle_);
     for (Landmark& landmark : bundle_.landmarks) {
       if (!landmark.held_out && IsSeenFrom(landmark, fixed_views)) AddSightings(motions, &landmark);
@@ -283,7 +287,7 @@ class Adjustment {
   bool Solve(int max_iterations) {
     ceres::Solver::Options options;
     constexpr size_t kMaxDense = 40;  // views; more: sparse Cholesky of the reduced system
-    options.linear_solver_type = poses_.size() <= kMaxDense ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+    options.linear_solver_type = bundle_.size() <= kMaxDense ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
     options.linear_solver_ordering = ordering_;
     options.max_num_iterations = max_iterations;
     options.num_threads = 1;
@@ -293,12 +297,14 @@ class Adjustment {
     const QuietLog quiet;
     ceres::Solve(options, &problem_, &summary);
     if (!summary.IsSolutionUsable()) return false;
-    for (size_t i = 0; i < poses_.size(); ++i) bundle_.poses[i] = FromParameters(poses_[i]);
+    for (size_t i = 0; i < bundle_.size(); ++i) bundle_.poses[i] = FromParameters(PoseOf(i));
     camera_ = {camera_errors_[0], camera_errors_[1], camera_errors_[2]};
     return true;
   }
 
  private:
+  double* PoseOf(size_t view) { return &parameters_[kPoseSize * view]; }
+
   static ceres::Problem::Options KeepOurs() {
     ceres::Problem::Options options;
     KeepManifolds(&options);
@@ -338,15 +344,14 @@ class Adjustment {
       const SightingCost& cost =
           sighting_costs_.emplace_back(anchor_camera, landmark->pixel, anchor_errors, bundle_.cameras[view],
                                        sighting.pixel, errors, weights_.pixel_sigma);
-      double *const from = poses_[anchor].data(), *const to = poses_[view].data();
+      double *const from = PoseOf(anchor), *const to = PoseOf(view);
       if (std::max(anchor, view) < fixed_views_) {
-        const double* const parameters[] = {from, to, &landmark->inverse_depth, camera_errors_.data()};
+        const double* const parameters[] = {from, to, &landmark->inverse_depth, camera_errors_};
         AddToDepth(cost, parameters, &information, &gradient);
         sighting_costs_.pop_back();
         continue;
       }
-      problem_.AddResidualBlock(&sighting_costs_.back(), &loss_, from, to, &landmark->inverse_depth,
-                                camera_errors_.data());
+      problem_.AddResidualBlock(&sighting_costs_.back(), &loss_, from, to, &landmark->inverse_depth, camera_errors_);
       added = true;
     }
     if (added && information > 0) {  // what fixed views tell of the depth: linear about the depth known so far
@@ -373,8 +378,8 @@ class Adjustment {
   const size_t fixed_views_;
   Bundle& bundle_;
   CameraErrors& camera_;
-  std::vector<std::array<double, kPoseSize>> poses_;
-  Eigen::Vector3d camera_errors_;
+  std::vector<double> parameters_;  ///< poses, then the camera's errors: Ceres orders what is in one group by address
+  double* const camera_errors_;
   PoseManifold manifold_;
   ceres::CauchyLoss loss_{1.0};
   std::deque<SightingCost> sighting_costs_;  // stay where they are while more come

@@ -1,6 +1,8 @@
 #include "bundle_refinement.h"
 
 #include <gtest/gtest.h>
+#include <pthread.h>
+#include <sys/mman.h>
 
 #include "pose_scene.h"
 
@@ -120,6 +122,39 @@ TEST_F(BundleRefinementTest, AViewWithoutLandmarksMovesWithItsNeighbours) {
   const auto moved = [&](size_t i) -> Eigen::Vector3d { return bundle.poses[i].centre - bundle.received[i].centre; };
   const Eigen::Vector3d around = (moved(kBlank - 1) + moved(kBlank + 1)) / 2;
   EXPECT_LT((moved(kBlank) - around).norm(), 0.01);
+}
+
+/// Calls it in a thread whose stack lies below the heap, where stacks usually lie above it. False where that cannot be.
+bool CallOnLowStack(std::function<void()> work) {
+  constexpr size_t kBytes = 8 << 20;
+  void* const low = reinterpret_cast<void*>(size_t{1} << 24);
+  void* const stack = ::mmap(low, kBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_STACK, -1, 0);
+  if (stack == MAP_FAILED) return false;
+  pthread_attr_t attributes;
+  pthread_t thread;
+  const auto call = [](void* function) -> void* {
+    (*static_cast<std::function<void()>*>(function))();
+    return nullptr;
+  };
+  const bool called = stack == low && pthread_attr_init(&attributes) == 0 &&
+                      pthread_attr_setstack(&attributes, stack, kBytes) == 0 &&
+                      pthread_create(&thread, &attributes, call, &work) == 0 && pthread_join(thread, nullptr) == 0;
+  ::munmap(stack, kBytes);
+  return called;
+}
+
+/// Ceres orders what it eliminates by address.
+TEST_F(BundleRefinementTest, PosesDoNotDependOnWhereMemoryLies) {
+  Bundle bundle = MakeBundle({0.04, -0.05, 0.012}, 0.003, 0.008), again = bundle;
+  RefinementState state, state_again;
+  ASSERT_TRUE(RefineBundle(3, 30, 0, &bundle, &state));
+  if (!CallOnLowStack([&] { EXPECT_TRUE(RefineBundle(3, 30, 0, &again, &state_again)); })) {
+    GTEST_SKIP() << "low addresses are taken";
+  }
+  for (size_t i = 0; i < bundle.size(); ++i) {
+    EXPECT_EQ(bundle.poses[i].centre, again.poses[i].centre) << i;
+    EXPECT_EQ(bundle.poses[i].rotation.coeffs(), again.poses[i].rotation.coeffs()) << i;
+  }
 }
 
 // What fixed views tell of the depths is not lost: it places the one view that is free.
