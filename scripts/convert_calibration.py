@@ -112,7 +112,7 @@ class Fields:
 
     def number(self, name, default=None):
         value = self[name] if default is None else self.get(name, default)
-        with contextlib.suppress(TypeError, ValueError):
+        with contextlib.suppress(TypeError, ValueError, OverflowError):
             if math.isfinite(float(value)):
                 return float(value)
         raise Refused(f"{self.where}{name} = {value!r}: must be a number")
@@ -120,6 +120,12 @@ class Fields:
     def numbers(self, names, before="", after="", default=None):
         """Of names with spaces between them."""
         return [self.number(before + name + after, default) for name in names.split()]
+
+    def entries(self, name):
+        """Of a list of cameras or sensors."""
+        if not isinstance(self[name], list):
+            raise Refused(f"{self.where}{name} = {self[name]!r}: must be a list")
+        return [Fields(entry, f"{self.where}{name}[{index}]: ") for index, entry in enumerate(self[name])]
 
     def list(self, name, count=None):
         """`count` numbers, or any number of them: of lists in lists, or of a matrix with rows, cols and data."""
@@ -147,9 +153,14 @@ def chosen(value, known, what):
     return known[str(value).lower()]
 
 
+def chosen_camera(cameras, index):
+    if index >= len(cameras):
+        raise Refused(f"there is no camera {index}: the file has {len(cameras)}")
+    return cameras[index]
+
+
 def of_one_camera(index):
-    if index > 0:
-        raise Refused(f"is of one camera: there is no camera {index}")
+    chosen_camera(range(1), index)
 
 
 def plain(name):
@@ -211,9 +222,7 @@ def from_orb_slam(content, index):
 
 
 def from_ov2slam(content, index):
-    if index > 1:
-        raise Refused(f"is of two cameras: there is no camera {index}")
-    side = ("left", "right")[index]
+    side = chosen_camera(("left", "right"), index)
     model = content.choice("Camera.model_" + side, {**PINHOLES, "fisheye": EQUIDISTANT})
     return ("camera", content.numbers("width height", f"Camera.{side}_n"),
             content.numbers("fx fy cx cy", "Camera.", side[0]),
@@ -243,16 +252,14 @@ def from_kalibr(content, index):
 def from_basalt(content, index):
     """calibration.json."""
     content = content.part("value0")
-    cameras, sizes = content["intrinsics"], content["resolution"]
-    if not isinstance(cameras, list) or not isinstance(sizes, list) or index >= min(len(cameras), len(sizes)):
-        raise Refused(f"intrinsics and resolution: there is no camera {index}")
-    camera = Fields(cameras[index], f"intrinsics[{index}]: ")
+    cameras = content.entries("intrinsics")
+    camera, sizes = chosen_camera(cameras, index), content.list("resolution", 2 * len(cameras))
     model, names, others = camera.choice("camera_type", {
         "ds": (DOUBLE_SPHERE, "xi alpha", []), "eucm": (EUCM, "alpha beta", []), "ucm": (EUCM, "alpha", [1.0]),
         "kb4": (EQUIDISTANT, "k1 k2 k3 k4", []), "pinhole": (PLUMB_BOB, "", [0.0] * 5),
         "pinhole-radtan8": (RATIONAL, "k1 k2 p1 p2 k3 k4 k5 k6", [])})
     parameters = Fields(camera["intrinsics"], camera.where)
-    return (f"cam{index}", Fields({"resolution": sizes[index]}, camera.where).list("resolution", 2), parameters.numbers("fx fy cx cy"),
+    return (f"cam{index}", sizes[2 * index:2 * index + 2], parameters.numbers("fx fy cx cy"),
             (model, parameters.numbers(names) + others))
 
 
@@ -266,12 +273,10 @@ def from_svo(content, index, name="camera"):
 
 def from_list(content, index):
     """OKVIS, and the rigs of SVO and maplab."""
-    rigs = [sensor["cameras"] for sensor in content.get("sensors", []) if isinstance(sensor, dict) and "cameras" in sensor]
-    cameras = content.get("cameras", sum(rigs, []))
-    if not isinstance(cameras, list) or index >= len(cameras):
-        raise Refused(f"cameras: there is no camera {index}")
-    camera, name = Fields(cameras[index], f"cameras[{index}]: "), f"cam{index}"
-    camera = Fields(camera.get("camera", camera.values), camera.where)
+    rigs = [content] if "cameras" in content else [sensor for sensor in content.entries("sensors") if "cameras" in sensor]
+    camera, name = chosen_camera([camera for rig in rigs for camera in rig.entries("cameras")], index), f"cam{index}"
+    if "camera" in camera:
+        camera = Fields(camera["camera"], camera.where)
     if "intrinsics" not in camera:
         return (name, camera.list("image_dimension", 2), camera.list("focal_length", 2) + camera.list("principal_point", 2),
                 lens(camera["distortion_type"], camera.list("distortion_coefficients"), camera.where))
@@ -349,27 +354,19 @@ def check(size, intrinsics):
         raise Refused(f"principal point ({cx:g}, {cy:g}): is outside of the image of {width:g} x {height:g}")
 
 
-def shortest(value):
-    """All digits, and a point: "1e-05" is text to YAML 1.1."""
-    text = repr(float(value))
-    return text if "." in text else text.replace("e", ".0e")
-
-
-def matrix(name, rows, values):
-    return "%s:\n  rows: %d\n  cols: %d\n  data: [%s]\n" % (name, rows, len(values) // rows,
-                                                        ", ".join(shortest(value) for value in values))
-
-
 def format_calibration(result):
     fx, fy, cx, cy = result["intrinsics"]
-    return ("image_width: %d\nimage_height: %d\ncamera_name: %s\n" %
-            (*result["size"], re.sub(r"\W", "_", result["name"])) +
-            matrix("camera_matrix", 3, [fx, 0, cx, 0, fy, cy, 0, 0, 1]) +
-            "distortion_model: %s\n" % result["model"] +
-            matrix("distortion_coefficients", 1, result["coefficients"]) +
-            matrix("rectification_matrix", 3, result.get("rectification_matrix", [1, 0, 0, 0, 1, 0, 0, 0, 1])) +
-            matrix("projection_matrix", 3,
-                   result.get("projection_matrix", [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0])))
+
+    def matrix(rows, values):
+        return {"rows": rows, "cols": len(values) // rows, "data": [float(value) for value in values]}
+    width, height = map(int, result["size"])
+    return yaml.safe_dump({
+        "image_width": width, "image_height": height, "camera_name": re.sub(r"\W", "_", result["name"]),
+        "camera_matrix": matrix(3, [fx, 0, cx, 0, fy, cy, 0, 0, 1]), "distortion_model": result["model"],
+        "distortion_coefficients": matrix(1, result["coefficients"]),
+        "rectification_matrix": matrix(3, result.get("rectification_matrix", [1, 0, 0, 0, 1, 0, 0, 0, 1])),
+        "projection_matrix": matrix(3, result.get("projection_matrix", [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0]))},
+                          default_flow_style=None, sort_keys=False, width=math.inf)
 
 
 def parse_size(text):
@@ -390,7 +387,7 @@ def main():
     try:
         with open(options.file, "rb") as file:
             print(format_calibration(convert(read_text(file.read()), options.camera, options.size)), end="")
-    except (Refused, OSError) as error:
+    except (Refused, OSError, RecursionError) as error:  # the last: hundreds of lists in each other
         print("%s: %s" % (options.file, error), file=sys.stderr)
         return 2
     return 0

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 from PIL import Image, ImageDraw
 
-PLY_TYPES = {"float": "<f4", "uchar": "u1", "int": "<i4", "uint": "<u4"}
+PLY_TYPES = {"float": "<f4", "double": "<f8", "uchar": "u1", "int": "<i4", "uint": "<u4"}
 FOCAL = 1.2           # focal length over the width of the picture
 ASPECT = 0.75         # height over width of each half
 FILLED = 0.94         # share of the picture that the mesh fills

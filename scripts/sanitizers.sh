@@ -1,13 +1,9 @@
 #!/bin/bash
-# Builds everything with clang's AddressSanitizer (with leaks) and UndefinedBehaviorSanitizer and runs all tests of a CPU
-# with it: libraries, tools, nodes, the nodelets in a manager linked with the sanitizer, and the fuzz targets over
-# their stored inputs. Prints one summary; fails when a test fails or a sanitizer reports, be it in a process whose exit
-# nobody looks at. Third-party leaks that are left out are in scripts/sanitizer_suppressions/, each with its reason.
+# Builds everything with clang's AddressSanitizer (with leaks) and UndefinedBehaviorSanitizer, or with --thread
+# ThreadSanitizer, and runs all tests of a CPU with it: libraries, tools, nodes, the nodelets in a manager linked with the
+# sanitizer, and the fuzz targets over their stored inputs. Fails when a test fails or a sanitizer reports, be it in a
+# process whose exit nobody looks at. docs/development.md says what is left out, and why.
 # Usage: scripts/sanitizers.sh [--thread] [CTEST_ARGUMENT...]         for example -R 'test_map|rostest'
-#   --thread   ThreadSanitizer instead. Debian's TBB is not instrumented: ThreadSanitizer cannot see how it hands work from
-#              thread to thread and would report all of it. With TBB's source in ACMP_TBB_SOURCE (apt-get source onetbb)
-#              that is built with the sanitizer and used. Else TBB works in its serial mode, without workers, as all runs
-#              on one processor: races between our own threads are found, races within parallel loops are not.
 # Environment: ACMP_SANITIZE_BUILD_DIR (build_sanitize, build_thread), ACMP_TBB_SOURCE. Needs what test.sh needs, and clang.
 set -uo pipefail
 cd "$(dirname "$0")/.." || exit 1

@@ -21,7 +21,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
-from nodelet_session import TOPICS, start_master
+from nodelet_session import TOPICS, start_master, wait_for
 
 OUTPUTS = {"depth/image_rect": ("depth", "depth/%06d.pfm"), "depth_fast/image_rect": ("depth_fast", "depth_fast/%06d.pfm"),
            "rgb/image_rect_color": ("image pictures", "pictures/%06d_image.png"),
@@ -75,18 +75,13 @@ def call(name, kind, *arguments):
     return answer
 
 
-def wait_for(condition):
-    while not condition():
-        time.sleep(0.1)
-
-
-def save_all(bag, folder):
+def save_all(bag, folder, timeout_s):
     rospy.init_node("save_demo_output", argv=[], disable_rostime=True)  # the player's clock stops at the end of the bag
     saver = Saver(bag, folder)
-    wait_for(is_playing)
-    wait_for(lambda: not is_playing())
+    wait_for(is_playing, "the player", timeout_s)
+    wait_for(lambda: not is_playing(), "the player's end", timeout_s)
     call("dense_mapper/flush", Trigger)
-    wait_for(lambda: time.monotonic() > saver.last + 1.5)  # the last messages; diagnostics come once a second
+    wait_for(lambda: time.monotonic() > saver.last + 1.5, "the last messages")  # diagnostics come once a second
     saved = call("map_server/save_map", SaveMap, f"{folder}/map.ply", SaveMapRequest.PLY, True)
     print(f"matched on {saver.status.get('device')} at {saver.status.get('matched size [px]')} px; the last keyframe:")
     print(*(f"  {key} {value}" for key, value in sorted(saver.status.items()) if key.endswith("[ms]")), sep="\n")
@@ -122,7 +117,7 @@ def main():
                 ["roslaunch", "acmp_mapping", "demo.launch", f"bag:={bag}", f"save_folder:={folder}", *options.arguments,
                  f"play_args:=--wait-for-subscribers --quiet --topics {topics}"], stdin=subprocess.DEVNULL, stdout=log,
                 stderr=subprocess.STDOUT, env={**os.environ, "PYTHONUNBUFFERED": "1"}))  # in the order of what happened
-        save_all(bag, folder)
+        save_all(bag, folder, options.timeout)
         signal.alarm(0)
         if shows and sys.stdin.isatty():
             input("rviz shows the map; press Enter to go on ")

@@ -52,6 +52,19 @@ std::string Capitalized(std::string text) {
   return text;
 }
 
+/// Lines of a comment in yaml, of 120 characters at most.
+std::string Comment(const std::string& text) {
+  constexpr size_t kColumns = 120;
+  std::istringstream words(text);
+  std::string lines, line = "#";
+  for (std::string word; words >> word; line += " " + word) {
+    if (line.size() + 1 + word.size() <= kColumns) continue;
+    lines += line + "\n";
+    line = "#";
+  }
+  return lines + line + "\n";
+}
+
 /// "0 to 10 s; live", for yaml.
 std::string Remark(const Option& option) {
   std::string remark = std::holds_alternative<bool>(option.get()) ? "" : DescribeValues(option);
@@ -72,14 +85,14 @@ void WriteYaml(const OptionList& options, std::ostream* out) {
         *out << "\n# --- " << group << " ---\n";
       },
       [&](const Option& option) {
-        *out << "# " << option.sentence << Remark(option) << "\n"
-             << (by_preset ? "#" : "") << option.name << ": " << ToYaml(option.get()) << "\n";
+        *out << Comment(option.sentence + Remark(option)) << (by_preset ? "#" : "") << option.name << ": "
+             << ToYaml(option.get()) << "\n";
       });
 }
 
 std::string MapperYaml() {
   std::ostringstream out;
-  out << R"(# All parameters of the dense mapper with their defaults; written by acmp_options, as docs/parameters.md. Copy what you
+  out << R"(# All parameters of the dense mapper with their defaults (docs/parameters.md); written by acmp_options. Copy what you
 # change into your own file or launch file: leaving a line out means the default. Lengths are in the unit of the poses
 # (metres for most frontends). [live]: may change while it runs, by dynamic_reconfigure.
 )";
@@ -89,7 +102,7 @@ std::string MapperYaml() {
 
 std::string MapServerYaml() {
   std::ostringstream out;
-  out << "# All parameters of the map server with their defaults; written by acmp_options, as docs/parameters.md.\n";
+  out << "# All parameters of the map server with their defaults (docs/parameters.md); written by acmp_options.\n";
   WriteYaml(MapServerList(), &out);
   return out.str();
 }
@@ -119,18 +132,6 @@ gen = ParameterGenerator()
   return out.str();
 }
 
-void WriteTables(const OptionList& options, std::ostream* out) {
-  ForEachGroup(
-      options,
-      [out](const std::string& group) {
-        *out << "\n### " << Capitalized(group) << "\n\n| parameter | default | values | |\n|---|---|---|---|\n";
-      },
-      [out](const Option& option) {
-        *out << "| `" << option.name << "`" << (option.while_running ? " *" : "") << " | `" << ToYaml(option.get())
-             << "` | " << DescribeValues(option) << " | " << option.sentence << " |\n";
-      });
-}
-
 void WritePresetTable(std::ostream* out) {
   *out << "\n## What each preset sets\n\n| option |";
   for (const std::string& name : PresetNames()) *out << " `" << name << "` |";
@@ -152,30 +153,32 @@ std::string Markdown() {
   std::ostringstream out;
   out << R"(# Parameters
 
-Written by `acmp_options` from the tables in the sources: change a parameter there. Names marked * may change while the
-mapper runs (`rosrun dynamic_reconfigure dynparam set /acmp/dense_mapper NAME VALUE`); all others are read once, when a
-node starts. A value that is out of bounds, or does not fit another one, is refused with a message. A parameter that a node
-does not know is named in a warning.
+Two files list all private parameters, each with what it does, its bounds and its default:
+[config/acmp_mapping.yaml](../config/acmp_mapping.yaml) those of `dense_mapper`,
+[config/map_server.yaml](../config/map_server.yaml) those of `map_server`. They and this page are written by `acmp_options` from the
+tables in the sources: change a parameter there.
 
-## dense_mapper
+- Set them by arguments of the launch files (`roslaunch --ros-args acmp_mapping dense_mapper.launch` lists them), or by a file of
+  your own, `frontend_config:=` that of `dense_mapper`, `map_config:=` that of `map_server`.
+- Those marked `[live]` may change while the mapper runs (`rosrun dynamic_reconfigure dynparam set /acmp/dense_mapper NAME VALUE`);
+  all others are read once, when a node starts.
+- A value that is out of bounds, or does not fit another one, is refused with a message. A parameter that a node does not know is
+  named in a warning.
+- Those of the group "pipeline" are set by `preset`; one that is given counts more.
 
-Private parameters, in [config/acmp_mapping.yaml](../config/acmp_mapping.yaml). Those of the last group are set by `preset`;
-one that is given counts more.
-)";
-  WriteTables(MapperOptions(), &out);
-  out << "\n## map_server\n\nPrivate parameters, in [config/map_server.yaml](../config/map_server.yaml).\n";
-  WriteTables(MapServerList(), &out);
-  out << R"(
 ## acmp_reconstruct and acmp_benchmark
 
-`--set NAME=VALUE` sets an option of the pipeline over the preset's: all of the group "pipeline" above, and:
+`--set NAME=VALUE` sets an option of the pipeline over the preset's: all of the group "pipeline", and:
+
+| option | default | values | |
+|---|---|---|---|
 )";
   PipelineOptions pipeline = MakePreset(kUsualPreset);
-  OptionList offline;
   for (const Option& option : OptionsOf(&pipeline)) {
-    if (!option.while_running) offline.Append(option);
+    if (option.while_running) continue;
+    out << "| `" << option.name << "` | `" << ToYaml(option.get()) << "` | " << DescribeValues(option) << " | "
+        << option.sentence << " |\n";
   }
-  WriteTables(offline, &out);
   WritePresetTable(&out);
   return out.str();
 }

@@ -214,14 +214,6 @@ class OfflineTest(unittest.TestCase):
             self.assertEqual(documented, list(parameters), name)
         self.assertLessEqual(set(self.input), set(inspect.signature(offline.reconstruct).parameters))
 
-    def test_the_example_helps_without_the_module(self):
-        example = Path(__file__).resolve().parents[2] / "scripts" / "python_example.py"
-        for arguments, code, text in (("--help",), 0, "FOLDER has a COLMAP model"), (("room",), 2, "ros_environment.sh"):
-            done = subprocess.run([sys.executable, "-I", str(example), *arguments], stdout=subprocess.PIPE,
-                                  stderr=subprocess.STDOUT, text=True, check=False)  # -I: without PYTHONPATH
-            self.assertEqual(done.returncode, code, done.stdout)
-            self.assertIn(text, done.stdout)
-
     def slow(self):
         """Arguments of a run that takes many seconds."""
         factor = 8

@@ -290,6 +290,10 @@ class ConvertCalibration(unittest.TestCase):
                 (SVO.replace("Pinhole", "ATAN"), "cam_model 'ATAN'"),
                 (RIG.replace("radial-tangential", "fisheye-fov"), "distortion model 'fisheye-fov'"),
                 (OPENCV_XML.replace("</data>", ""), "is no XML"),
+                ("sensors: 3\n", "sensors = 3: must be a list"), ("cameras: [3]\n", "cameras[0]: image_dimension is missing"),
+                (MAPLAB.replace("cameras:", "cameras: 3\nothers:"), "cameras = 3: must be a list"),
+                (basalt("ds").replace("[\n                320", "[\n                [320, 1]"), "must be a list of 4 numbers"),
+                (VINS.replace("752", "1" + 400 * "0"), "must be a number"),
                 ("a: 1\n", "no known kind"), ("", "name: value"), ("a: [1\n", "no YAML")):
             with self.subTest(words):
                 self.assertIn(words, refusal(text))

@@ -26,18 +26,20 @@ def square(y, half, color, towards=-1):
     return corners, np.tile([0.0, towards, 0.0], (4, 1)), np.tile(color, (4, 1)), order if towards < 0 else order[:, ::-1]
 
 
-def write(path, *parts, faces=None):
+def write(path, *parts, faces=None, origin=None):
+    """With an origin, which is added, coordinates are double, as those of maps far from it."""
     corners, normals, colors = (np.concatenate([part[k] for part in parts]) for k in range(3))
     triangles = np.concatenate([part[3] + 4 * i for i, part in enumerate(parts)]) if faces is None else faces
     with open(path, "wb") as file:
         file.write(b"ply\nformat binary_little_endian 1.0\nelement vertex %d\n" % len(corners))
         for name in "x y z nx ny nz".split():
-            file.write(b"property float %s\n" % name.encode())
+            file.write(b"property %s %s\n" % (b"double" if origin is not None and len(name) == 1 else b"float", name.encode()))
         for name in "red green blue".split():
             file.write(b"property uchar %s\n" % name.encode())
         file.write(b"element face %d\nproperty list uchar int vertex_indices\nend_header\n" % len(triangles))
         for row in zip(corners, normals, colors):
-            file.write(struct.pack("<6f3B", *row[0], *row[1], *map(int, row[2])))
+            position = struct.pack("<3f", *row[0]) if origin is None else struct.pack("<3d", *(row[0] + origin))
+            file.write(position + struct.pack("<3f3B", *row[1], *map(int, row[2])))
         for triangle in triangles:
             file.write(struct.pack("<B3i", 3, *map(int, triangle)))
 
@@ -48,9 +50,9 @@ class DrawMesh(unittest.TestCase):
         self.addCleanup(self.folder.cleanup)
         self.mesh = os.path.join(self.folder.name, "mesh.ply")
 
-    def draw(self, *parts):
+    def draw(self, *parts, origin=None):
         """The coloured half and the half of its shape."""
-        write(self.mesh, *parts)
+        write(self.mesh, *parts, origin=origin)
         picture, triangles = draw_mesh.draw(draw_mesh.read_mesh(self.mesh), [0, 0, 1], WIDTH)
         self.assertEqual(triangles, 2 * len(parts))
         self.assertEqual(picture.shape, (HEIGHT, 2 * WIDTH, 3))
@@ -75,6 +77,11 @@ class DrawMesh(unittest.TestCase):
         np.testing.assert_array_equal(first, second)
         self.assertGreater(self.count(first, RED), 50)
         self.assertGreater(self.count(first, GREEN), 200)
+
+    def test_a_mesh_far_from_the_origin_is_seen_as_one_near_it(self):
+        parts = square(-0.5, 0.3, RED), square(0.5, 1, GREEN)
+        near, far = self.draw(*parts), self.draw(*parts, origin=np.array([2.0**22, -2.0**22, 2.0**9]))
+        np.testing.assert_array_equal(near, far)
 
     def test_what_is_seen_from_behind_is_left_out(self):
         colored, _ = self.draw(square(0.5, 1, GREEN), square(0.6, 1, GREEN), square(-0.5, 0.3, BLUE, towards=1))
