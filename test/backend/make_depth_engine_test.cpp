@@ -2,27 +2,17 @@
 
 #include <string>
 
-#include "gmock/gmock.h"
-#include "gtest/gtest.h"
-
 #include "support/error_text.h"
 
 namespace acmp {
 namespace {
-
-using ::testing::AllOf;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
-using ::testing::Not;
-using ::testing::StartsWith;
 
 TEST(ParseDeviceTest, KnowsThreeNames) {
   EXPECT_EQ(ParseDevice("auto"), Device::kAuto);
   EXPECT_EQ(ParseDevice("cuda"), Device::kCuda);
   EXPECT_EQ(ParseDevice("cpu"), Device::kCpu);
   for (const char* name : {"", "CUDA", "cuda:0", "cpu "}) {
-    EXPECT_THAT(ErrorOf([&] { ParseDevice(name); }),
-                AllOf(HasSubstr(Concat("\"", name, "\"")), HasSubstr("auto, cuda or cpu")));
+    EXPECT_REFUSED(ParseDevice(name), Concat("\"", name, "\""), "auto, cuda or cpu");
   }
 }
 

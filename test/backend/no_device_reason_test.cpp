@@ -1,4 +1,5 @@
 #include "cuda_device.h"
+#include "support/error_text.h"
 
 #include <sys/stat.h>
 #include <unistd.h>
@@ -7,15 +8,8 @@
 #include <filesystem>
 #include <fstream>
 
-#include "gmock/gmock.h"
-#include "gtest/gtest.h"
-
 namespace acmp {
 namespace {
-
-using ::testing::AllOf;
-using ::testing::HasSubstr;
-using ::testing::StartsWith;
 
 TEST(NoDeviceReasonTest, EachCauseHasItsWord) {
   EXPECT_THAT(NoDeviceReason(cudaErrorInsufficientDriver, 0, 13000, ""), StartsWith("no NVIDIA driver"));

@@ -1,15 +1,10 @@
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/option.h"
-#include "gmock/gmock.h"
-#include "gtest/gtest.h"
 #include "support/decimal_comma.h"
 #include "support/error_text.h"
 
 namespace acmp {
 namespace {
-
-using ::testing::HasSubstr;
 
 enum class Color { kRed, kGreen };
 

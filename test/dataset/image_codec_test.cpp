@@ -1,5 +1,4 @@
 #include "acmp_mapping/dataset/image_codec.h"
-#include <gmock/gmock.h>
 #include <png.h>
 #include <turbojpeg.h>
 
@@ -7,7 +6,6 @@
 #include <map>
 #include <memory>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
 #include "dataset/test_folder.h"
 #include "support/error_text.h"
@@ -15,7 +13,6 @@
 namespace acmp {
 namespace {
 
-using ::testing::HasSubstr;
 using ImageCodecTest = TestFolder;
 
 ColorImage RandomColors(int width, int height) {
@@ -87,14 +84,6 @@ void WriteJpeg(const std::filesystem::path& path, int size, int pixel_format, in
   tjFree(bytes);
 }
 
-TEST_F(ImageCodecTest, PngKeepsEveryPixel) {
-  for (const auto& [width, height] : {std::pair{1, 1}, {7, 5}, {64, 33}}) {
-    const ColorImage image = RandomColors(width, height);
-    WritePng(folder() / "a.png", image);
-    EXPECT_EQ(MaxDifference(ReadColorImage(folder() / "a.png"), image), 0);
-  }
-}
-
 TEST_F(ImageCodecTest, NameDecidesWhichKindIsWritten) {
   const ColorImage image = SmoothColors(33, 17);
   for (const char* name : {"a.jpg", "a.JPEG"}) {
@@ -137,14 +126,6 @@ TEST_F(ImageCodecTest, InterlacedPngIsRead) {
   }
 }
 
-TEST_F(ImageCodecTest, GrayJpegBecomesRgb) {
-  WriteJpeg(folder() / "a.jpg", 16, TJPF_GRAY, TJSAMP_GRAY, std::vector<unsigned char>(16 * 16, 76));
-  const Rgb pixel = ReadColorImage(folder() / "a.jpg")(8, 8);
-  EXPECT_EQ(pixel.r, 76);
-  EXPECT_EQ(pixel.r, pixel.g);
-  EXPECT_EQ(pixel.r, pixel.b);
-}
-
 TEST_F(ImageCodecTest, EveryTruncationIsRefused) {
   WritePng(folder() / "whole.png", RandomColors(20, 20));
   WriteColorImage(folder() / "whole.jpg", RandomColors(40, 40));
@@ -179,7 +160,10 @@ TEST_F(ImageCodecTest, HarmlessOdditiesOfJpegAreRead) {
   }
 }
 
-TEST_F(ImageCodecTest, JpegOfFourColoursIsRefused) {
+TEST_F(ImageCodecTest, GrayJpegBecomesRgbAndFourColoursAreRefused) {
+  WriteJpeg(folder() / "a.jpg", 16, TJPF_GRAY, TJSAMP_GRAY, std::vector<unsigned char>(16 * 16, 76));
+  const Rgb pixel = ReadColorImage(folder() / "a.jpg")(8, 8);
+  EXPECT_THAT((std::vector<int>{pixel.r, pixel.g, pixel.b}), Each(76));
   WriteJpeg(folder() / "a.jpg", 8, TJPF_CMYK, TJSAMP_444, std::vector<unsigned char>(4 * 8 * 8, 76));
   EXPECT_REFUSED(ReadColorImage(folder() / "a.jpg"), "4 colours (CMYK)");
 }

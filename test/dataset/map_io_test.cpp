@@ -1,13 +1,9 @@
-#include <gmock/gmock.h>
 #include <Eigen/Geometry>
 
 #include <cmath>
 #include <cstring>
-#include <fstream>
-#include <iterator>
 #include <limits>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/geometry/lens.h"
@@ -18,7 +14,6 @@
 namespace acmp {
 namespace {
 
-using ::testing::HasSubstr;
 using MapIoTest = TestFolder;
 
 Image<float> Ramp(int width, int height) {
@@ -74,7 +69,7 @@ TEST_F(MapIoTest, DmbHasTheDocumentedBytes) {
   int32_t header[4];
   ASSERT_EQ(content.size(), sizeof(header) + 6 * sizeof(float));
   std::memcpy(header, content.data(), sizeof(header));
-  EXPECT_THAT(header, ::testing::ElementsAre(1, 2, 3, 1));  // type, height, width, channels
+  EXPECT_THAT(header, ElementsAre(1, 2, 3, 1));  // type, height, width, channels
   EXPECT_TRUE(SameBytes(ReadDmb(folder() / "a.dmb"), Ramp(3, 2)));
 }
 
@@ -95,7 +90,7 @@ TEST_F(MapIoTest, DepthPngStoresThousandthsAndCountsWhatIsTooFar) {
   std::copy(std::begin(values), std::end(values), depth.begin());
   EXPECT_EQ(WriteDepthPng(folder() / "d.png", depth), 1u);
   const Image<uint16_t> counts = ReadPng16(folder() / "d.png");
-  EXPECT_THAT(std::vector<int>(counts.begin(), counts.end()), ::testing::ElementsAre(0, 1234, 1235, 65535, 0, 0, 0));
+  EXPECT_THAT(std::vector<int>(counts.begin(), counts.end()), ElementsAre(0, 1234, 1235, 65535, 0, 0, 0));
   EXPECT_FLOAT_EQ(ReadDepth(folder() / "d.png")(1, 0), 1.234f);
 }
 
@@ -109,7 +104,7 @@ TEST_F(MapIoTest, ReadDepthTakesEveryFormatAndCleansUnknowns) {
   WriteDmb(folder() / "a.dmb", depth);
   for (const char* name : {"a.pfm", "a.dmb"}) {
     const DepthMap read = ReadDepth(folder() / name);
-    EXPECT_THAT(std::vector<float>(read.begin(), read.end()), ::testing::ElementsAre(1.5f, 0, 0, 0)) << name;
+    EXPECT_THAT(std::vector<float>(read.begin(), read.end()), ElementsAre(1.5f, 0, 0, 0)) << name;
   }
   WriteDepthPng(folder() / "a.png", Ramp(2, 2));
   EXPECT_FLOAT_EQ(ReadDepth(folder() / "a.png")(0, 0), 0.1f);
@@ -276,9 +271,7 @@ TEST_F(MapIoTest, CalibrationIsWrittenAsCameraCalibrationDoes) {
   const PinholeCamera camera = {64, 48, 50, 51, 31.5, 23.5};
   WriteCalibration(folder() / "camera.yaml", Lens(camera, {LensDistortion::Model::kBrownConrady, {0.1, -0.05, 0, 0}}),
                    "found");
-  std::ifstream stream(folder() / "camera.yaml");
-  const std::string text{std::istreambuf_iterator<char>(stream), {}};
-  EXPECT_EQ(text,
+  EXPECT_EQ(ReadText(folder() / "camera.yaml"),
             "# found\nimage_width: 64\nimage_height: 48\ncamera_name: camera\n"
             "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [50, 0, 31.5, 0, 51, 23.5, 0, 0, 1]\n"
             "distortion_model: plumb_bob\n"

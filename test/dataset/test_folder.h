@@ -1,6 +1,5 @@
 #pragma once
 
-#include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -11,6 +10,8 @@
 #include <iterator>
 #include <string>
 #include <vector>
+
+#include "support/error_text.h"
 
 namespace acmp {
 
@@ -91,19 +92,9 @@ class FileSizeLimit {
   void (*previous_handler_)(int);
 };
 
-/// The message of the exception of type E that `function` throws; fails the test when it throws none or another.
 template <class E, class Function>
 std::string MessageOf(const Function& function) {
-  try {
-    function();
-  } catch (const E& error) {
-    return error.what();
-  } catch (const std::exception& error) {
-    ADD_FAILURE() << "wrong exception: " << error.what();
-    return "";
-  }
-  ADD_FAILURE() << "no exception";
-  return "";
+  return ErrorOf<E>(function);
 }
 
 }  // namespace acmp

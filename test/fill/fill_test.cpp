@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "gmock/gmock.h"
-#include "gtest/gtest.h"
 
 #include "fusion/engine_views.h"
 #include "support/devices.h"

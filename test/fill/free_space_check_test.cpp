@@ -1,4 +1,3 @@
-#include <memory>
 #include <utility>
 #include <vector>
 
@@ -140,7 +139,7 @@ TEST_P(FreeSpaceCheckOnEnginesTest, RemovesTheWallInTheSkyAndNothingElse) {
         kept += is_unsupported ? 0 : 1;
     }
   }
-  // Of what is blank a hundredth may look textured (depth_evidence_test.cpp).
+  // Of what is blank a hundredth may look textured (DepthEvidenceTest).
   EXPECT_GT(unsupported, 0.98 * kFineWidth * (kRoof - kRim));
   EXPECT_EQ(kept, (kFineHeight - 13 - kRoof - kRim) * (kFineWidth - 61));
 }

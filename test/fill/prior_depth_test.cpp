@@ -1,19 +1,16 @@
 #include "acmp_mapping/fill/prior_depth.h"
 
-#include <gmock/gmock.h>
-
 #include <cmath>
 #include <functional>
 
 #include "acmp_mapping/common/random.h"
+#include "support/error_text.h"
 #include "support/planar_scene.h"
 
 // How depth from outside is fitted, where it is refused, and which pixels take it.
 
 namespace acmp {
 namespace {
-
-using ::testing::HasSubstr;
 
 constexpr int kPriorWidth = 120, kPriorHeight = 90;
 constexpr DepthRange kPriorRange = {0.5f, 10};
@@ -192,15 +189,6 @@ TEST_F(UsePriorDepthTest, LandmarksCountWhereNoViewConfirmsAnything) {
   EXPECT_THAT(Use(false), HasSubstr("only 0 of its pixels")) << "landmarks have another scale";
   EXPECT_EQ(Use(), "");
   EXPECT_NEAR(DepthAt(105, 30), TrueDepth(105, 30), 0.01f * TrueDepth(105, 30));
-}
-
-TEST_F(UsePriorDepthTest, WhatIsRefusedChangesNothing) {
-  frame_.prior_depth = MakeDepth(Random);
-  EXPECT_THAT(Use(), HasSubstr("it explains"));
-  EXPECT_FLOAT_EQ(DepthAt(105, 30), 5);
-  frame_.prior_depth = {};
-  EXPECT_EQ(Use(), "");
-  EXPECT_FLOAT_EQ(DepthAt(105, 30), 5);
 }
 
 }  // namespace

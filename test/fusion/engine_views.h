@@ -1,8 +1,8 @@
 #pragma once
 
+#include <algorithm>
 #include <memory>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "acmp_mapping/backend/make_depth_engine.h"
@@ -72,6 +72,15 @@ inline ConsistencyResult Filter(DepthEngine* engine, const std::vector<FusionVie
   const EngineView reference = sources.front();
   sources.erase(sources.begin());
   return engine->FilterByConsistency(reference, sources, options);
+}
+
+/// Whether the fusions of two views read or mark one frame's pixels.
+inline bool HaveCommonFrame(const std::vector<std::vector<int>>& neighbors, int a, int b) {
+  std::vector<int> frames = neighbors[static_cast<size_t>(a)];
+  frames.push_back(a);
+  const std::vector<int>& others = neighbors[static_cast<size_t>(b)];
+  return std::any_of(frames.begin(), frames.end(),
+                     [&](int f) { return f == b || std::count(others.begin(), others.end(), f) > 0; });
 }
 
 /// Where the first point is that differs in a bit, for EXPECT_EQ with "".

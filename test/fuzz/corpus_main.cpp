@@ -1,5 +1,5 @@
-// In place of libFuzzer: runs a fuzz target over the files of folders, each of which was a seed or a finding once.
-// Usage: fuzz_corpus TARGET FOLDER...
+// Runs fuzz targets: with libFuzzer the one that ACMP_FUZZ names; else all over the files of their folders, each of
+// which was a seed or a finding once. Usage: acmp_fuzz_corpus FOLDER
 
 #include <cstdio>
 #include <filesystem>
@@ -9,7 +9,7 @@
 
 #include "fuzz/fuzz_input.h"
 
-#ifdef ACMP_FUZZ  // libFuzzer has a program for each target, which this names
+#ifdef ACMP_FUZZ
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   static const acmp::fuzz::Target target = acmp::fuzz::Targets().at(ACMP_FUZZ);
   const acmp::fuzz::Bytes bytes({reinterpret_cast<const char*>(data), size});
@@ -18,24 +18,19 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
 }
 #else
 int main(int argc, char** argv) {
-  const auto target = acmp::fuzz::Targets().find(argc > 1 ? argv[1] : "");
-  if (target == acmp::fuzz::Targets().end()) {
-    std::printf("targets:\n");
-    for (const auto& [name, function] : acmp::fuzz::Targets()) std::printf("%s\n", name.c_str());
-    return 2;
-  }
-  int files = 0;
-  for (int i = 2; i < argc; ++i) {
-    for (const auto& entry : std::filesystem::directory_iterator(argv[i])) {
+  for (const auto& [name, target] : acmp::fuzz::Targets()) {
+    int files = 0;
+    for (const auto& entry :
+         std::filesystem::directory_iterator(std::filesystem::path(argc > 1 ? argv[1] : ".") / name)) {
       std::printf("%s\n", entry.path().c_str());
       std::fflush(stdout);  // the last line names the file that ended the program
       std::ifstream stream(entry.path(), std::ios::binary);
       const std::string content{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-      acmp::fuzz::MayRefuse([&] { target->second(acmp::fuzz::Bytes(content)); });
+      acmp::fuzz::MayRefuse([&, run = target] { run(acmp::fuzz::Bytes(content)); });
       ++files;
     }
+    if (files == 0) return 1;
   }
-  std::printf("%d inputs\n", files);
-  return files > 0 ? 0 : 1;
+  return 0;
 }
 #endif

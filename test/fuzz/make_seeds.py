@@ -1,14 +1,17 @@
 #!/usr/bin/env python3
 """Writes what the fuzz targets start from into a folder for each: valid inputs (fuzz_messages.cpp and the targets say what
-the bytes of a message mean) and copies of the stored ones in corpus/. Usage: make_seeds.py FOLDER"""
+the bytes of a message mean) and copies of former findings in corpus/. Usage: make_seeds.py FOLDER"""
+import io
 import shutil
 import struct
 import sys
-import zlib
 from pathlib import Path
 
+import PIL.Image
+
 FOLDER = Path(sys.argv[1])
-shutil.copytree(Path(__file__).resolve().parent / "corpus", FOLDER, dirs_exist_ok=True)
+if (FINDINGS := Path(__file__).resolve().parent / "corpus").exists():
+    shutil.copytree(FINDINGS, FOLDER, dirs_exist_ok=True)
 
 
 def seed(target, name, *parts):
@@ -25,12 +28,10 @@ def vector(code, values):
     return struct.pack(f"<H{len(values)}{code}", len(values), *values)
 
 
-def png(depth=8, color_type=2, width=8, height=6):
-    def chunk(kind, body):
-        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-    row = bytes(1 + width * (3 if color_type == 2 else 1) * depth // 8)
-    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, color_type, 0, 0, 0)) +
-            chunk(b"IDAT", zlib.compress(row * height)) + chunk(b"IEND", b""))
+def picture(kind="PNG", mode="RGB"):
+    content = io.BytesIO()
+    PIL.Image.new(mode, (8, 6)).save(content, kind)
+    return content.getvalue()
 
 
 # Files.
@@ -55,8 +56,8 @@ for model, values in ((1, [9, 9, 4, 3]), (4, [9, 9, 4, 3, 0.1, 0.01, 0, 0])):
          struct.pack("<QQ3d3BdQ4I", 1, 1, 0, 0, 2, 255, 0, 0, 0.5, 2, 1, 0, 2, 0))
 seed("camera_list", "two", "# index filename fx fy cx cy width height qw qx qy qz tx ty tz\n"
      "0 a.png 9 9 4 3 8 6 1 0 0 0 0 0 0\n1 b.png 9 9 4 3 8 6 1 0 0 0 0.1 0 0\n")
-for name, depth, color_type in (("rgb", 8, 2), ("grey", 8, 0), ("grey16", 16, 0)):
-    seed("image", f"{name}.png", png(depth, color_type))
+for name, *kind in (("rgb.png",), ("grey.png", "PNG", "L"), ("grey16.png", "PNG", "I;16"), ("rgb.jpg", "JPEG")):
+    seed("image", name, picture(*kind))
 seed("float_map", "depth.pfm", b"Pf\n3 2\n-1.0\n" + struct.pack("<6f", *range(6)))
 seed("float_map", "normals.pfm", b"PF\n2 1\n-1.0\n" + struct.pack("<6f", *range(6)))
 seed("float_map", "depth.dmb", struct.pack("<4i6f", 1, 2, 3, 1, *range(6)))
@@ -119,7 +120,7 @@ seed("camera_info", "beside_the_image", camera_info("plumb_bob", [0, 0, 0, 0, 0]
 for name, size in (("rgb8", 3), ("mono16", 2), ("bayer_rggb8", 1), ("yuv422", 2), ("bgra8", 4)):
     seed("image_message", name, b"\1" + image(name, 8 * size))
 seed("image_message", "rows_that_wrap", b"\1" + image("mono8", 0x55555556, 2, 3, count=2))  # 3 rows: 2 bytes in 32 bits
-seed("image_message", "png", b"\0" + compressed(png()))
+seed("image_message", "png", b"\0" + compressed(picture()))
 seed("mask_message", "mono8", image("mono8", 8))
 seed("prior_depth_message", "float", image("32FC1", 32))
 seed("prior_depth_message", "thousandths", image("16UC1", 16))
@@ -131,7 +132,7 @@ for kind, rest in enumerate((POSE_MESSAGE, POSE_MESSAGE + COVARIANCE, text("came
     seed("pose", str(kind), bytes([kind]) + HEADER + rest)
 KEYFRAME = (camera_info("plumb_bob", [0.1, 0, 0, 0, 0]) + POSE_MESSAGE + text("camera") + cloud(XYZ, [(0, 0, 1)] * 2))
 seed("keyframe", "raw", (HEADER + image("mono8", 8) + compressed(b"") + KEYFRAME) * 2)
-seed("keyframe", "compressed", HEADER + image("", 0, 0, 0) + compressed(png()) + KEYFRAME)
+seed("keyframe", "compressed", HEADER + image("", 0, 0, 0) + compressed(picture()) + KEYFRAME)
 RIGID = struct.pack("<12d", 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
 
 

@@ -4,15 +4,12 @@
 
 #include <cmath>
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
 #include "intake/samples.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
 
-using ::testing::HasSubstr;
 using Verdict = WorldTracker::Verdict;
 using Points = std::vector<Eigen::Vector3d>;
 

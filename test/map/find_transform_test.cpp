@@ -3,7 +3,6 @@
 #include <random>
 #include <vector>
 
-#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "map/room_keyframes.h"

@@ -200,17 +200,6 @@ TEST(MapRepose, CorrectionsOutliveTheKeyframeTheyCameFrom) {
   ExpectPath(store, {Pose(4, 5), Pose(5, 5)});
 }
 
-TEST(MapRepose, LeavesEarlierRunsAlone) {
-  MapStore store({10, 0.1});
-  AddKeyframes(&store, 2);
-  store.Repose({{0, Pose(0, 5)}});
-  // A looping bag: the same stamps again.
-  for (int i = 0; i < 2; ++i) Add(&store, static_cast<uint64_t>(2 + i), i * kSecond, Pose(i, 0), "mapper", 1);
-  ExpectPath(store, {Pose(0, 5), Pose(1, 5), Pose(0, 0), Pose(1, 0)});
-  store.Repose({{0, Pose(0, 7)}});
-  ExpectPath(store, {Pose(0, 5), Pose(1, 5), Pose(0, 7), Pose(1, 7)});
-}
-
 TEST(MapRepose, CamerasOfARigMoveTogether) {
   // Two cameras of a body, 0.2 apart, the second turned; the path has poses of the body, stamped as the first's images.
   const RigidTransform body_from_cam[] = {Pose(0.1, 0), Pose(-0.1, 0, M_PI / 2)};

@@ -1,16 +1,11 @@
 // A map that another one takes over.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
 #include "acmp_mapping/map/map_store.h"
 #include "map/room_keyframes.h"
 #include "support/error_text.h"
 
 namespace acmp::test {
 namespace {
-
-using ::testing::HasSubstr;
 
 constexpr double kSessionVoxel = 0.1;
 constexpr int64_t kSecond = 1000000000;
@@ -101,28 +96,6 @@ TEST(MapSession, MappingGoesOnAndLoopClosuresCorrectTheLastRuns) {
   EXPECT_EQ(loaded.statistics().keyframes, 6u);
   EXPECT_FALSE(loaded.Add({"b", 5, 1}, PoseAt(1, Shifted(0)), Wall())) << "it was loaded";
   EXPECT_TRUE(loaded.Replace({"b", 5, 1}, {}, Wall(5)));
-}
-
-TEST(MapSession, PointsThatALoopClosureScaledAreTheSameToRounding) {
-  MapStore store({20, kSessionVoxel});
-  std::vector<StampedPose> path;
-  for (int i = 0; i < 8; ++i) {
-    Add(&store, {"a", 1, static_cast<uint64_t>(i)}, i);
-    path.push_back({i * kSecond, Shifted(i)});
-    path.back().pose.translation() *= 1.5;
-  }
-  store.Repose(path);
-  ASSERT_NEAR(store.statistics().largest_scale, 1.5, 1e-9);
-  MapStore loaded({20, kSessionVoxel});
-  loaded.Join(store.Session(), RigidTransform::Identity());
-  EXPECT_EQ(loaded.statistics().largest_scale, 1) << "as if received so";
-  const PlacedKeyframes before = store.Placed(), after = loaded.Placed();
-  for (size_t i = 0; i < 8; ++i) {
-    const PointCloud& scaled = *after.keyframes[i].points_in_camera;
-    ASSERT_EQ(scaled.size(), before.keyframes[i].points_in_camera->size());
-    // float32 of 6
-    EXPECT_NEAR(scaled[5].position.z, 1.5 * (*before.keyframes[i].points_in_camera)[5].position.z, 1e-6);
-  }
 }
 
 TEST(MapSession, ASecondOneIsPutWhereItIsTold) {

@@ -2,11 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include <gtest/gtest.h>
 
-#include "acmp_mapping/common/error.h"
 #include "map/room_keyframes.h"
 #include "support/error_text.h"
 

@@ -1,12 +1,10 @@
 #include "acmp_mapping/map/occupancy_map.h"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 
-#include "acmp_mapping/common/error.h"
 #include "map/room_keyframes.h"
 #include "support/error_text.h"
 

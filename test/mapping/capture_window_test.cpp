@@ -1,24 +1,14 @@
 // Images of one capture in the window: who is matched against whom, what moves with what, what is counted. And when
 // poses have moved since.
 
-#include "gmock/gmock.h"
-#include "gtest/gtest.h"
-
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "dense_mapper_fakes.h"
 #include "keyframe_window.h"
+#include "support/error_text.h"
 #include "window_poses.h"
 
 namespace acmp {
 namespace {
-
-using ::testing::Contains;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
-using ::testing::Not;
-using ::testing::SizeIs;
-using ::testing::UnorderedElementsAre;
 
 constexpr double kRigBaseline = 0.2;  // 2.9 degrees at the wall
 

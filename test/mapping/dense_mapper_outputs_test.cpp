@@ -9,21 +9,13 @@
 #include <thread>
 #include <utility>
 
-#include "gmock/gmock.h"
-#include "gtest/gtest.h"
-
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "dense_mapper_fakes.h"
 #include "mapper_outputs.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
-
-using testing::Contains;
-using testing::HasSubstr;
-using testing::Not;
-using testing::SizeIs;
 
 /// A keyframe of the kinds that live frontends produce: moving on, standing still, jumping, without or with useless
 /// landmarks, broken.

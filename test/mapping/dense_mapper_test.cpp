@@ -3,24 +3,13 @@
 #include <algorithm>
 #include <atomic>
 
-#include "gmock/gmock.h"
-#include "gtest/gtest.h"
-
 #include "dense_mapper_fakes.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::Contains;
-using ::testing::Each;
-using ::testing::ElementsAre;
 using ::testing::Ge;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
-using ::testing::Not;
-using ::testing::SizeIs;
-using ::testing::UnorderedElementsAre;
 
 /// The first keyframes wait for each other, then each comes at once, and its refinement `lookahead` keyframes later.
 /// With the largest lookahead that is just before it would leave the window.
@@ -130,12 +119,9 @@ TEST(DenseMapperTest, MapsCarryWhatBelongsToThem) {
   ASSERT_THAT(harness.refined, SizeIs(3));
   const KeyframeDepth& fast = *harness.fast[2];
   EXPECT_FALSE(fast.refined);
-  EXPECT_TRUE(fast.confidence.empty());
-  EXPECT_THAT(fast.points_in_camera, IsEmpty());
-  EXPECT_EQ(fast.depth.width(), kWallCamera.width);
-  EXPECT_TRUE(fast.normal.empty());
-  EXPECT_TRUE(fast.cost.empty());
+  EXPECT_TRUE(fast.confidence.empty() && fast.normal.empty() && fast.cost.empty() && fast.points_in_camera.empty());
   for (const float depth : fast.depth) EXPECT_FLOAT_EQ(depth, kFastDepth);
+  EXPECT_EQ(fast.depth.width(), kWallCamera.width);
   EXPECT_EQ(fast.times.kernels_ms, FakeEngine::kPassMs);
 
   const KeyframeDepth& refined = *harness.refined[2];
@@ -143,17 +129,15 @@ TEST(DenseMapperTest, MapsCarryWhatBelongsToThem) {
   EXPECT_TRUE(refined.refined);
   EXPECT_EQ(refined.times.kernels_ms, 3 * FakeEngine::kPassMs);  // one photometric and two geometric passes
   for (const float depth : refined.depth) EXPECT_FLOAT_EQ(depth, kRefinedDepth);
-  ASSERT_EQ(refined.confidence.size(), refined.depth.size());
-  ASSERT_EQ(refined.normal.size(), refined.depth.size());
-  for (const Vec3f& normal : refined.normal) EXPECT_EQ(normal.z, -1);
-  EXPECT_EQ(refined.cost.size(), refined.depth.size());
+  EXPECT_THAT(std::vector<size_t>({refined.confidence.size(), refined.normal.size(), refined.cost.size()}),
+              Each(refined.depth.size()));
+  EXPECT_EQ(refined.normal(12, 9).z, -1);
   ASSERT_FALSE(refined.points_in_camera.empty());
   for (const SurfacePoint& point : refined.points_in_camera) {
     // Averaged with a source that has only its fast map, 0.2 % off.
     EXPECT_NEAR(point.position.z, kWallDepth, 0.002 * kWallDepth);
   }
-  // The image's middle is seen by every neighbour.
-  EXPECT_GT(refined.confidence(12, 9), 0);
+  EXPECT_GT(refined.confidence(12, 9), 0);  // the image's middle is seen by every neighbour
 }
 
 /// A pass at full size takes minutes on a CPU, and Ctrl-C, an unload or a reset waits for it.
@@ -179,21 +163,16 @@ TEST(DenseMapperTest, AStopEndsThePassUnderWay) {
 
 TEST(DenseMapperOptionsTest, AreCheckedAndKeptWhenBad) {
   EXPECT_NO_THROW(Validate(DenseMapperOptions{}));
-  const auto error_with = [](auto set) -> std::string {
+  const auto error_with = [](auto set) {
     DenseMapperOptions options;
     set(options);
-    try {
-      Validate(options);
-    } catch (const InvalidInputError& error) {
-      return error.what();
-    }
-    return "";
+    return ErrorOf([&] { Validate(options); });
   };
   EXPECT_THAT(error_with([](auto& o) { o.pipeline = MakePreset("acmm"); }), HasSubstr("offline"));
   EXPECT_THAT(error_with([](auto& o) { o.window_size = 1; }), HasSubstr("window_size = 1"));
   EXPECT_THAT(error_with([](auto& o) { o.lookahead = 30; }), HasSubstr("lookahead = 30"));
   EXPECT_THAT(error_with([](auto& o) { o.min_source_views = 11; }), HasSubstr("min_source_views = 11"));
-  EXPECT_EQ(error_with([](auto& o) { o.fallback_depth_range = {0, 1}; }), "") << "the other end is to come";
+  EXPECT_EQ(error_with([](auto& o) { o.fallback_depth_range = {0, 1}; }), "no error") << "the other end is to come";
 
   MapperHarness harness(FakeOptions(6, 0));
   DenseMapperOptions bad = FakeOptions(6, 2);
@@ -346,8 +325,7 @@ TEST(RefineAgainTest, WhereItFailsTheMapsStayAndItIsTold) {
     };
     EXPECT_THAT(harness.Flush(), ElementsAre("refined 4"));
     EXPECT_THAT(harness.drops, IsEmpty());
-    EXPECT_THAT(harness.problems,
-                Contains(AllOf(HasSubstr("keyframe 1 could not be refined again"), HasSubstr("device lost"))));
+    EXPECT_THAT(harness.problems, Contains(HasAll("keyframe 1 could not be refined again", "device lost")));
     EXPECT_THAT(harness.refined_again, AllOf(Contains(0), Contains(2), Not(Contains(1)))) << "it stops nobody";
   }
 }

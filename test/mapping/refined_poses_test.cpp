@@ -8,20 +8,13 @@
 #include <utility>
 #include <vector>
 
-#include "gmock/gmock.h"
-#include "gtest/gtest.h"
-
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "dense_mapper_fakes.h"
 #include "pose_scene.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
-
-using ::testing::Each;
-using ::testing::ElementsAre;
-using ::testing::IsEmpty;
-using ::testing::StartsWith;
 
 std::shared_ptr<Frame> WithLandmarks(size_t i, const RigidTransform& received) {
   auto frame = std::make_shared<Frame>(RoomFrame(i, received));
@@ -36,9 +29,7 @@ struct RoomMap {
 
 /// Maps the room while images are received; the harness keeps what came.
 void Feed(const std::vector<RigidTransform>& received, MapperHarness* harness) {
-  for (size_t i = 0; i < received.size(); ++i) {
-    harness->Add(WithLandmarks(i, received[i]));
-  }
+  for (size_t i = 0; i < received.size(); ++i) harness->Add(WithLandmarks(i, received[i]));
 }
 
 DenseMapperOptions RoomOptions() {
@@ -103,9 +94,7 @@ TEST(MatchedDepthRangeTest, ImagesAndPosesAreEnough) {
 
 TEST(RefinedPosesTest, KeyframesAreMatchedWithPosesNearerToTheTruth) {
   const std::vector<RigidTransform> truth = TruePoses();
-  std::vector<RigidTransform> received = truth;
-  PoseErrors errors(0.3, 0.01);
-  for (RigidTransform& pose : received) pose = errors.Perturbed(pose);
+  const std::vector<RigidTransform> received = Perturbed(truth, 0.3, 0.01);
   const std::vector<KeyframeDepthPtr> maps = Map(received, RefinePoses::kAuto).refined;
   std::vector<RigidTransform> refined, before, exact;
   for (const KeyframeDepthPtr& keyframe : maps) {
@@ -178,18 +167,14 @@ TEST(RefinedPosesTest, TheWorldOfRefinedPosesKeepsItsScale) {
 
 // They were made with the frontend's motion from the keyframe before, and others read them.
 TEST(RefinedPosesTest, InitialEstimatesAreMadeAnewWhereThePoseHasMoved) {
-  std::vector<RigidTransform> received = TruePoses();
-  PoseErrors errors(0.6, 0.02);
-  for (RigidTransform& pose : received) pose = errors.Perturbed(pose);
+  const std::vector<RigidTransform> received = Perturbed(TruePoses(), 0.6, 0.02);
   const std::vector<size_t> initial_estimates = Map(received, RefinePoses::kOn).initial_estimates;
   EXPECT_GE(std::count_if(initial_estimates.begin(), initial_estimates.end(), [](size_t n) { return n > 1; }), 3);
 }
 
 // Others read them. Where such a keyframe cannot be matched anew, none but itself is dropped.
 TEST(RefinedPosesTest, AnInitialEstimateThatCannotBeMadeAnewDropsNoOtherKeyframe) {
-  std::vector<RigidTransform> received = TruePoses();
-  PoseErrors errors(0.6, 0.02);
-  for (RigidTransform& pose : received) pose = errors.Perturbed(pose);
+  const std::vector<RigidTransform> received = Perturbed(TruePoses(), 0.6, 0.02);
   size_t failures = 0;
   for (const int64_t failing : {4, 7, 10}) {
     MapperHarness harness(NoisyRoomOptions(RefinePoses::kOn));
@@ -216,7 +201,7 @@ TEST(RefinedPosesTest, NothingStaysOfAFrontendThatHasLostTrack) {
   std::set<int64_t> gone;
   for (const auto& [id, message] : harness.withdrawn) {
     gone.insert(id);
-    EXPECT_THAT(message, ::testing::HasSubstr("poses contradict the images"));
+    EXPECT_THAT(message, HasSubstr("poses contradict the images"));
   }
   EXPECT_EQ(harness.refined.size(), harness.withdrawn.size());
   EXPECT_THAT(harness.refined_again, IsEmpty());
@@ -272,7 +257,7 @@ TEST(RefinedPosesTest, MapsComeWhenPosesAgreeAgain) {
     harness.Flush();
     harness.Flush();
     EXPECT_THAT(harness.drops, IsEmpty());
-    EXPECT_THAT(harness.withdrawn, ::testing::Not(IsEmpty()));
+    EXPECT_THAT(harness.withdrawn, Not(IsEmpty()));
     EXPECT_EQ(harness.refined.size(), 14u);
     EXPECT_EQ(failed.has_value(), fails_once);
     for (const auto& [id, message] : harness.withdrawn) {

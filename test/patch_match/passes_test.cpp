@@ -2,7 +2,6 @@
 #include <utility>
 
 #include "gmock/gmock.h"
-#include "gtest/gtest.h"
 
 #include "support/devices.h"
 #include "support/engine_scene.h"

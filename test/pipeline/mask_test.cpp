@@ -17,10 +17,7 @@ namespace {
 constexpr DepthRange kRange = {0.6f, 8};
 
 std::vector<SyntheticView> MakeRoom(bool moving_object, int width, int height, int keyframes) {
-  SyntheticSceneOptions options;
-  options.width = width;
-  options.height = height;
-  options.keyframes = keyframes;
+  SyntheticSceneOptions options = {width, height, keyframes};
   options.moving_object = moving_object;
   return MakeSyntheticScene(options);
 }

@@ -1,5 +1,4 @@
 #include <map>
-#include <utility>
 
 #include "gtest/gtest.h"
 
@@ -21,13 +20,7 @@ constexpr int kWidth = 240, kHeight = 180, kKeyframes = 5;
 
 /// Rendered once.
 const RenderedScene& Room() {
-  static const RenderedScene room = [] {
-    SyntheticSceneOptions options;
-    options.width = kWidth;
-    options.height = kHeight;
-    options.keyframes = kKeyframes;
-    return RenderedScene(options);
-  }();
+  static const RenderedScene room({kWidth, kHeight, kKeyframes});
   return room;
 }
 
@@ -177,14 +170,6 @@ TEST_P(PipelineSyntheticTest, GeometricPassesHelpAllSystems) {
     EXPECT_GT(after.all.below_relative[k5Percent], before.all.below_relative[k5Percent] + 1.5);
     EXPECT_GT(after.blank.below_relative[k2Percent], before.blank.below_relative[k2Percent] + 4);
   }
-}
-
-TEST_P(PipelineSyntheticTest, PresetWithoutGeometricPassesIsTheFirstPartOfAcmp) {
-  DepthEstimator estimator(engine_.get(), MakePreset("acmp_no_geometric"));
-  EXPECT_EQ(estimator.options().geometric_passes, 0);
-  const std::vector<EngineView> views =
-      TakeAllSteps(&estimator, LoadFrames(Room().frames, engine_.get(), 0), Room().ranges);
-  EXPECT_TRUE(SameBits(engine_->DownloadState(views[2].estimate), systems_->acmp.initial[2].state));
 }
 
 TEST_P(PipelineSyntheticTest, FusedCloudLiesOnTheSurfaces) {

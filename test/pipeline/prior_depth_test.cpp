@@ -1,5 +1,4 @@
 #include <memory>
-#include <string>
 #include <vector>
 
 #include <opencv2/imgproc.hpp>
@@ -22,13 +21,7 @@ constexpr DepthRange kRange = {0.6f, 8};
 constexpr int kWidth = 120, kHeight = 90, kKeyframes = 6;
 
 const std::vector<SyntheticView>& Room() {
-  static const std::vector<SyntheticView> views = [] {
-    SyntheticSceneOptions options;
-    options.width = kWidth;
-    options.height = kHeight;
-    options.keyframes = kKeyframes;
-    return MakeSyntheticScene(options);
-  }();
+  static const std::vector<SyntheticView> views = MakeSyntheticScene({kWidth, kHeight, kKeyframes});
   return views;
 }
 

@@ -15,11 +15,8 @@ constexpr float kConfident = 0.4f;  ///< an error of 1.5 % of the depth is expec
 /// Rendered once.
 const RenderedScene& Street() {
   static const RenderedScene street = [] {
-    SyntheticSceneOptions options;
+    SyntheticSceneOptions options = {240, 160, 6};
     SelectSyntheticScene("street", &options);
-    options.width = 240;
-    options.height = 160;
-    options.keyframes = 6;
     return RenderedScene(options);
   }();
   return street;

@@ -1,17 +1,31 @@
-#include "acmp_mapping/planar_prior/planar_prior.h"
-
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <random>
+#include <set>
+#include <utility>
+#include <vector>
 
-#include "planar_prior/random_points.h"
+#include "acmp_mapping/planar_prior/planar_prior.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
+
+/// Distinct pixels of a width x height image, the image's border included, all at depth 1.
+std::vector<SupportPoint> RandomPoints(int width, int height, int count, unsigned seed) {
+  std::mt19937 generator(seed);
+  std::uniform_int_distribution<int> any_col(0, width - 1), any_row(0, height - 1);
+  std::set<std::pair<int, int>> taken;
+  std::vector<SupportPoint> points;
+  while (static_cast<int>(points.size()) < count) {
+    const int col = any_col(generator), row = any_row(generator);
+    if (taken.insert({col, row}).second) points.push_back({col, row, 1.0f});
+  }
+  return points;
+}
 
 const float kNan = std::numeric_limits<float>::quiet_NaN();
 const DepthRange kRange = {1.0f, 10.0f};
@@ -82,37 +96,6 @@ int CountPixels(const Image<uint32_t>& numbers) {
   return static_cast<int>(numbers.size() - std::count(numbers.begin(), numbers.end(), 0u));
 }
 
-TEST(PlanarPrior, PassesThroughTheVerticesOfEachTriangle) {
-  // Depths at random: every triangle has a plane of its own. It must meet the rays of its three vertices at their
-  // depths.
-  std::vector<SupportPoint> points = RandomPoints(kCamera.width, kCamera.height, 60, 8);
-  std::mt19937 generator(8);
-  std::uniform_real_distribution<float> any_depth(3.0f, 4.0f);
-  for (SupportPoint& point : points) point.depth = any_depth(generator);
-  PlanarPriorOptions options;
-  options.max_grazing_angle_deg = 89.9f;
-  const auto triangles = TriangulateSupportPoints(points);
-  const PriorMesh mesh = MakePriorMesh(kCamera, points, options);
-  const Image<uint32_t> numbers = RasterizePrior(kCamera, mesh, kRange);
-  int checked = 0;
-  for (int row = 0; row < kCamera.height; ++row) {
-    for (int col = 0; col < kCamera.width; ++col) {
-      if (numbers(col, row) == 0) continue;
-      const PlaneHypothesis& p = mesh.planes.at(numbers(col, row) - 1);
-      ASSERT_GT(p.d, 0);
-      for (int vertex : triangles[numbers(col, row) - 1].vertex) {
-        const SupportPoint& point = points[vertex];
-        const Eigen::Vector3d ray = kCamera.Unproject({point.col, point.row});
-        const double cosine = Eigen::Vector3d(p.nx, p.ny, p.nz).dot(ray);
-        // Distance of the vertex from the float plane: rounding of n (6e-8) and d (2.4e-7) at 4 units.
-        ASSERT_NEAR(cosine * point.depth + p.d, 0, 2e-6);
-      }
-      ++checked;
-    }
-  }
-  EXPECT_GT(checked, 3000);
-}
-
 TEST(PlanarPrior, RejectsGrazingTriangles) {
   // A plane through a triangle's centroid whose normal makes the given angle with the ray there.
   const auto count = [](double angle_deg) {
@@ -160,6 +143,102 @@ TEST(PlanarPrior, RejectsPixelsWhereThePlaneLeavesTheRange) {
   }
   EXPECT_GT(inside, 1000);
   EXPECT_LT(inside, 119 * 89 - 1000);
+}
+
+TEST(TriangulateSupportPoints, RefusesPointsThatAreTooFarApartOrTheSame) {
+  constexpr int kFar = 32768;
+  for (const SupportPoint& far : {SupportPoint{3 + kFar, 4, 1}, {3 - kFar, 4, 1}, {3, 4 + kFar, 1}}) {
+    EXPECT_THROW(TriangulateSupportPoints({{3, 4, 1}, far}), InvalidInputError);
+  }
+  EXPECT_REFUSED(TriangulateSupportPoints({{3, 4, 1}, {8, 1, 1}, {3, 4, 2}, {9, 9, 1}}), "(3, 4)");
+}
+
+TEST(TriangulateSupportPoints, DoesNotDependOnTheOrderOfThePoints) {
+  // Many cocircular quadruples: a triangulation that breaks ties by order would differ.
+  std::vector<SupportPoint> points = RandomPoints(24, 24, 400, 3);
+  const auto sorted_triangles = [](const std::vector<SupportPoint>& given) {
+    std::vector<std::array<std::pair<int, int>, 3>> sorted;
+    for (const SupportTriangle& triangle : TriangulateSupportPoints(given)) {
+      std::array<std::pair<int, int>, 3> pixels;
+      for (int k = 0; k < 3; ++k) pixels[k] = {given[triangle.vertex[k]].col, given[triangle.vertex[k]].row};
+      std::sort(pixels.begin(), pixels.end());
+      sorted.push_back(pixels);
+    }
+    std::sort(sorted.begin(), sorted.end());
+    return sorted;
+  };
+  const auto expected = sorted_triangles(points);
+  for (unsigned seed = 0; seed < 5; ++seed) {
+    std::shuffle(points.begin(), points.end(), std::mt19937(seed));
+    EXPECT_EQ(sorted_triangles(points), expected);
+  }
+}
+
+/// Reference for the top-left rule: the pixel moved right by e and down by e^2, e = 1/1000, lies strictly inside. Exact
+/// in integers scaled by 1 / e^2, and e is small enough for coordinates below 300: a * e + b * e^2 < 1 and b * e < 1.
+bool Covers(const std::vector<SupportPoint>& points, const SupportTriangle& triangle, int col, int row) {
+  constexpr long long kScale = 1000000;
+  const long long x = col * kScale + 1000, y = row * kScale + 1;
+  int positive = 0, negative = 0;
+  for (int k = 0; k < 3; ++k) {
+    const SupportPoint& p = points[triangle.vertex[k]];
+    const SupportPoint& q = points[triangle.vertex[(k + 1) % 3]];
+    const long long side = (q.col - p.col) * (y - p.row * kScale) - (q.row - p.row) * (x - p.col * kScale);
+    positive += side > 0;
+    negative += side < 0;
+  }
+  return positive == 3 || negative == 3;
+}
+
+/// Number of each pixel's triangle. All have a plane in range.
+Image<uint32_t> Rasterize(int width, int height, const std::vector<SupportPoint>& points,
+                          const std::vector<SupportTriangle>& triangles) {
+  PriorMesh mesh = {{}, std::vector<PlaneHypothesis>(triangles.size(), {0, 0, -1, 2})};
+  for (const SupportTriangle& triangle : triangles) {
+    const SupportPoint &a = points[triangle.vertex[0]], &b = points[triangle.vertex[1]],
+                       &c = points[triangle.vertex[2]];
+    mesh.triangles.push_back({{a.col, b.col, c.col}, {a.row, b.row, c.row}});
+  }
+  return RasterizePrior({width, height, 50, 50, 25, 25}, mesh, {1, 3});
+}
+
+/// Every pixel against every triangle: at most one covers it, and the raster names exactly that one.
+void ExpectExactRaster(int width, int height, const std::vector<SupportPoint>& points) {
+  const std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points);
+  const Image<uint32_t> numbers = Rasterize(width, height, points, triangles);
+  ASSERT_EQ(numbers.width(), width);
+  ASSERT_EQ(numbers.height(), height);
+  for (int row = 0; row < height; ++row) {
+    for (int col = 0; col < width; ++col) {
+      uint32_t expected = 0;
+      int count = 0;
+      for (size_t i = 0; i < triangles.size(); ++i) {
+        if (!Covers(points, triangles[i], col, row)) continue;
+        expected = static_cast<uint32_t>(i) + 1;
+        ++count;
+      }
+      ASSERT_LE(count, 1) << col << ", " << row;
+      ASSERT_EQ(numbers(col, row), expected) << col << ", " << row;
+    }
+  }
+}
+
+TEST(RasterizePrior, PutsEachPixelInExactlyOneTriangle) {
+  for (unsigned seed = 0; seed < 12; ++seed) {
+    ExpectExactRaster(67, 41, RandomPoints(67, 41, 3 + 9 * static_cast<int>(seed), seed));
+  }
+}
+
+TEST(RasterizePrior, IsExactAtTheLargestCoordinates) {
+  // The diagonal of a square from corner to corner of the legal range passes through the pixels (i, i): with the
+  // top-left rule they belong to the triangle on the right of the diagonal.
+  const int limit = 1 << 28;
+  const std::vector<SupportPoint> points = {
+      {-limit, -limit, 1}, {limit, -limit, 1}, {limit, limit, 1}, {-limit, limit, 1}};
+  const Image<uint32_t> numbers = Rasterize(50, 50, points, {{{0, 1, 2}}, {{0, 2, 3}}});
+  for (int row = 0; row < 50; ++row) {
+    for (int col = 0; col < 50; ++col) ASSERT_EQ(numbers(col, row), col >= row ? 1u : 2u) << col << ", " << row;
+  }
 }
 
 }  // namespace

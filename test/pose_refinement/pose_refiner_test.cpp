@@ -2,23 +2,16 @@
 
 #include <algorithm>
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include "acmp_mapping/common/error.h"
+#include "matching.h"
 #include "pose_scene.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
 
-using ::testing::HasSubstr;
-
 class PoseRefinerTest : public ::testing::Test {
  protected:
-  void Perturb(double rotation_deg, double position) {
-    PoseErrors errors(rotation_deg, position);
-    for (RigidTransform& pose : received_) pose = errors.Perturbed(pose);
-  }
+  void Perturb(double rotation_deg, double position) { received_ = Perturbed(received_, rotation_deg, position); }
 
   Frame FrameOf(size_t i) const { return RoomFrame(i, received_[i]); }
 
@@ -244,6 +237,29 @@ TEST_F(PoseRefinerTest, BadKeyframesAreRefusedAndChangeNothing) {
   frame.stamp_s = 1;
   EXPECT_THROW(refiner.Add(frame, kRoomRange), InvalidInputError);
   EXPECT_EQ(refiner.size(), 1u);
+}
+
+TEST(CornerDetectionTest, CornersOfASquareAreFoundAndTakenCellsLeftOut) {
+  GrayImage square(120, 100, 60.0f);
+  for (int row = 30; row < 70; ++row) {
+    for (int col = 40; col < 80; ++col) square(col, row) = 180;
+  }
+  View view;
+  view.pyramid = GrayPyramid(square.View());
+  constexpr int kCells = 30;  // of 20 px
+  const Image<float> response = CornerResponse(view);
+  const std::vector<Eigen::Vector2d> corners = PickCorners(view, response, kCells);
+  ASSERT_EQ(corners.size(), 4u);
+  for (const Eigen::Vector2d& corner : corners) {
+    EXPECT_LT(std::abs(std::abs(corner.x() - 59.5) - 20), 3);
+    EXPECT_LT(std::abs(std::abs(corner.y() - 49.5) - 20), 3);
+  }
+  EXPECT_EQ(PickCorners(view, response, kCells, {corners[0]}).size(), 3u);
+
+  Mask mask(120, 100, 255);
+  mask(45, 35) = 0;  // near the corner at (40, 30)
+  view.mask_distance = MakeMaskDistance(mask);
+  EXPECT_EQ(PickCorners(view, response, kCells).size(), 3u);
 }
 
 }  // namespace

@@ -2,7 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cstdlib>
 #include <random>
 #include <vector>
 
@@ -90,6 +89,12 @@ class PoseErrors {
   double rotation_deg_, position_;
   std::minstd_rand random_{7};
 };
+
+inline std::vector<RigidTransform> Perturbed(std::vector<RigidTransform> poses, double rotation_deg, double position) {
+  PoseErrors errors(rotation_deg, position);
+  for (RigidTransform& pose : poses) pose = errors.Perturbed(pose);
+  return poses;
+}
 
 /// What a frontend sends that has lost track without noticing: from image `begin` on every step is of another length
 /// and goes astray.

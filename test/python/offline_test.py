@@ -186,15 +186,12 @@ class OfflineTest(unittest.TestCase):
                 ("depth_range", {"depth_range": (5, 4)}),
                 ("depth_range: has 3 elements: must be one for each of 4 images", {"depth_range": (1, 2, 3)}),
                 ("give a depth range (depth_range=, or points=)", {"depth_range": None, "points": None}),
-                ("give a depth range (depth_range=, or points=)",
-                 {"depth_range": None, "points": None, "ranked_sources": None}),
                 ("points[0]: shape (5, 2): must be (M, 3)", {"points": [np.zeros((5, 2))] * 4}),
                 ("image 000000.png: frame 0: mask size 5 x 6: must be the image's, 64 x 48",
                  {"masks": [np.ones((6, 5), bool), None, None, None]}),
                 ("masks[0]: dtype float64: must be bool or uint8", {"masks": [np.ones((48, 64))] * 4}),
                 ("image 000001.png: source view = 4: must be in [0, 3]", {"ranked_sources": [[1], [4], [], []]}),
-                ("geometric_passes", {"options": {"geometric_pass": 1}}),
-                ("tpu", {"device": "tpu"})):
+                ("geometric_passes", {"options": {"geometric_pass": 1}})):
             with self.subTest(words=words):
                 with self.assertRaises(ValueError) as raised:
                     offline.reconstruct(**self.arguments(**changes))

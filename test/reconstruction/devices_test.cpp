@@ -1,17 +1,20 @@
 // Runs on several devices: the same files, and which views are fused when and where.
-#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 
 #include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
+#include <cstring>
 #include <filesystem>
 #include <mutex>
 #include <set>
 #include <thread>
 
 #include "acmp_mapping/dataset/map_io.h"
+#include "fusion/engine_views.h"
 #include "reconstruction/run_fixture.h"
+#include "support/pass_result.h"
 
 namespace acmp {
 namespace {
@@ -74,13 +77,6 @@ Sources Groups(int images) {
     }
   }
   return sources;
-}
-
-bool HaveCommonFrame(const Sources& sources, int a, int b) {
-  std::set<int> frames(sources[static_cast<size_t>(a)].begin(), sources[static_cast<size_t>(a)].end());
-  frames.insert(a);
-  const std::vector<int>& others = sources[static_cast<size_t>(b)];
-  return frames.count(b) > 0 || std::any_of(others.begin(), others.end(), [&](int i) { return frames.count(i) > 0; });
 }
 
 class ReconstructDevicesTest : public ReconstructRunFixture {
@@ -268,6 +264,49 @@ TEST_F(ReconstructDevicesTest, OnlineRunsAreFusedWithTheMappersSources) {
   for (const int devices : {1, 2}) {
     RunOnFakeGpus(Concat("gpu_", devices), devices);
     ExpectSameContents(output("cpu"), options_.output);
+  }
+}
+
+class ReconstructImagesTest : public ReconstructRunFixture {
+ protected:
+  std::vector<InputImage> Images() {
+    std::vector<std::string> warnings;
+    return ReadInputImages(options_, watcher_, &warnings);
+  }
+
+  ImageReconstruction RunOn(const DeviceMaker& make_devices) {
+    return ReconstructImages(Images(), options_, make_devices, &watcher_);
+  }
+
+  void ExpectFilesOfTool(const ImageReconstruction& result) const {
+    ASSERT_EQ(result.images.size(), size_t{kImages});
+    for (int i = 0; i < kImages; ++i) {
+      const ImageResult& image = result.images[static_cast<size_t>(i)];
+      const std::string name = "/00000" + std::to_string(i) + ".pfm";
+      EXPECT_TRUE(SamePixels(image.depth, ReadPfm(output() / ("depth" + name))));
+      EXPECT_TRUE(SamePixels(image.cost, ReadPfm(output() / ("cost" + name))));
+      EXPECT_TRUE(SamePixels(image.confidence, ReadPfm(output() / ("confidence" + name))));
+      EXPECT_EQ(image.normal.size(), image.depth.size());
+    }
+    const PointCloud cloud = ReadPly(output() / "fused.ply");
+    ASSERT_EQ(result.cloud.size(), cloud.size());
+    for (size_t i = 0; i < cloud.size(); ++i) {
+      ASSERT_EQ(std::memcmp(&result.cloud[i].position, &cloud[i].position, sizeof(Vec3f)), 0) << i;
+    }
+  }
+
+  FakeGpuBehaviour gpus_;
+};
+
+TEST_F(ReconstructImagesTest, BitsOfTheToolOnAnyDeviceWithAnyMemory) {
+  options_.max_image_size = 18;
+  Run(&fake_);
+  ExpectFilesOfTool(RunOn([&] { return FakeHost(&fake_); }));
+  for (const size_t free_bytes : {size_t{1} << 30, size_t{60000}, size_t{1}}) {
+    SCOPED_TRACE(free_bytes);
+    gpus_.free_bytes = free_bytes;
+    ExpectFilesOfTool(RunOn([&] { return FakeGpus(2, 2, &gpus_); }));
+    EXPECT_EQ(gpus_.NumEstimatesAlive(), 0u);
   }
 }
 

@@ -1,4 +1,3 @@
-#include <gmock/gmock.h>
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -13,14 +12,12 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/mesh/distance_volume.h"
 #include "reconstruction/scene_fixture.h"
+#include "support/error_text.h"
 
 // The program itself, with the real matcher on the CPU: exit codes, signals, full disks.
 namespace acmp {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::AnyOf;
-using ::testing::HasSubstr;
 using ::testing::MatchesRegex;
 
 class ReconstructCliTest : public ReconstructFixture {
@@ -93,7 +90,7 @@ TEST_F(ReconstructCliTest, MeshIsThePlaneAlsoOfAFinishedRun) {
   rejects("--maps none --mesh " + file, "--mesh: needs depth among --maps");
   const Outcome first = RunTool(Usual() + " --mesh " + file);
   ASSERT_EQ(first.exit_code, 0) << first.text;
-  EXPECT_THAT(first.text, AllOf(HasSubstr("mesh.ply: "), HasSubstr(" triangles, voxels of ")));
+  EXPECT_THAT(first.text, HasAll("mesh.ply: ", " triangles, voxels of "));
   const TriangleMesh mesh = ReadPlyMesh(file);
   ASSERT_GT(mesh.triangles.size(), 500u);
   size_t close = 0;
@@ -105,11 +102,11 @@ TEST_F(ReconstructCliTest, MeshIsThePlaneAlsoOfAFinishedRun) {
   const std::string bytes = ReadText(file);
   std::filesystem::remove(file);
   const Outcome again = RunTool(Usual() + " --mesh " + file);
-  EXPECT_THAT(again.text, AllOf(HasSubstr("already complete"), HasSubstr("triangles")));
+  EXPECT_THAT(again.text, HasAll("already complete", "triangles"));
   EXPECT_TRUE(ReadText(file) == bytes);
   const Outcome little = RunTool(Usual() + " --memory-limit-gb 0.001 --mesh-voxel-size 0.01 --mesh " + file);
   EXPECT_EQ(little.exit_code, 2) << little.text;
-  EXPECT_THAT(little.text, AllOf(HasSubstr("more than the"), HasSubstr("the voxel size must be larger")));
+  EXPECT_THAT(little.text, HasAll("more than the", "the voxel size must be larger"));
   const Outcome full = RunShell("ulimit -f 8; " + std::string(ACMP_RECONSTRUCT) + " " + Usual() + " --mesh " + file);
   EXPECT_EQ(full.exit_code, 1) << full.text;
   EXPECT_THAT(full.text, HasSubstr("mesh.ply"));
@@ -174,7 +171,7 @@ TEST_F(ReconstructCliTest, NoPointsAreAFailure) {
 
 TEST_F(ReconstructCliTest, TwoImagesMakePointsButNotOfThePapers) {
   WriteScene(2, 64, 48);
-  EXPECT_THAT(RunTool(Usual()).text, AllOf(HasSubstr("points in fused.ply"), ::testing::Not(HasSubstr(" 0 points"))));
+  EXPECT_THAT(RunTool(Usual()).text, AllOf(HasSubstr("points in fused.ply"), Not(HasSubstr(" 0 points"))));
   const Outcome outcome = RunTool(Usual() + " --overwrite --preset acmp");
   EXPECT_EQ(outcome.exit_code, 0) << outcome.text;
   EXPECT_THAT(outcome.text, HasSubstr("2 source views must agree in this preset, and 2 images have maps"));

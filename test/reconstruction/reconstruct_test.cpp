@@ -1,20 +1,16 @@
 #include "acmp_mapping/reconstruction/reconstruct.h"
-#include <gmock/gmock.h>
 
 #include <set>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "progress.h"
 #include "reconstruction/run_fixture.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::HasSubstr;
-using ::testing::Not;
-
-class ReconstructTest : public ReconstructRunFixture {};
+using ReconstructTest = ReconstructRunFixture;
 
 TEST_F(ReconstructTest, WritesEveryFileItPromises) {
   options_.dmb = true;
@@ -158,8 +154,7 @@ TEST_F(ReconstructTest, AnImageThatIsWrittenDuringTheRunFailsIt) {
   fake_.on_call = [&](int call) {
     if (call == 2) WriteText("scene/images/00000003.png", ReadText(scene() / "images/00000003.png"));
   };
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { Run(&fake_); }),
-              AllOf(HasSubstr("00000003.png"), HasSubstr("was written during the run")));
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { Run(&fake_); }), HasAll("00000003.png", "was written during the run"));
   EXPECT_FALSE(Has("summary.json") || Has("fused.ply") || Has("work"));
 }
 
@@ -195,7 +190,7 @@ TEST_F(ReconstructTest, ImagesWithoutSourceViewsAreNamedAndLeftOut) {
   EXPECT_THAT(ReadText(output() / "summary.json"), HasSubstr("\"name\": \"00000003.png\""));
   options_.output = output("strict");
   options_.min_source_views = 3;
-  EXPECT_THAT(Error(), AllOf(HasSubstr("none of the 4 images"), HasSubstr("must be at least 3")));
+  EXPECT_THAT(Error(), HasAll("none of the 4 images", "must be at least 3"));
 }
 
 TEST_F(ReconstructTest, SourceWithoutBaselineIsLeftOutWithAWarning) {
@@ -235,7 +230,7 @@ TEST_F(ReconstructTest, DepthRangeMustComeFromSomewhere) {
   EXPECT_THAT(log_.str(), HasSubstr("no map for image 00000001.png: no depth range"));
   for (const int image : {0, 2, 3}) take_range(image);
   options_.output = output();
-  EXPECT_THAT(Error(), AllOf(HasSubstr("no depth range"), HasSubstr("--depth-min")));
+  EXPECT_THAT(Error(), HasAll("no depth range", "--depth-min"));
   options_.depth_min = 3;
   options_.depth_max = 5;
   for (const char* schedule : {"offline", "online"}) {
@@ -248,7 +243,7 @@ TEST_F(ReconstructTest, DepthRangeMustComeFromSomewhere) {
   EXPECT_THAT(Error(), HasSubstr("together"));
   options_.depth_max.reset();
   options_.output = output("none");
-  EXPECT_THAT(Error(), AllOf(HasSubstr("none of the 4 images gets a map"), HasSubstr("--depth-min")));
+  EXPECT_THAT(Error(), HasAll("none of the 4 images gets a map", "--depth-min"));
 }
 
 TEST_F(ReconstructTest, BadOptionsAreNamed) {
@@ -261,7 +256,7 @@ TEST_F(ReconstructTest, BadOptionsAreNamed) {
   EXPECT_THAT(ErrorWith([](auto* o) { o->maps = {"normal"}, o->dmb = true; }), HasSubstr("--dmb: needs depth"));
   EXPECT_THAT(ErrorWith([](auto* o) { o->preset = "best"; }), HasSubstr("\"best\""));
   EXPECT_THAT(ErrorWith([](auto* o) { o->preset = "online", o->max_image_size = 1; }),
-              AllOf(HasSubstr(".png: is matched at 1 x 1 px"), HasSubstr("must be at least 2 x 2")));
+              HasAll(".png: is matched at 1 x 1 px", "must be at least 2 x 2"));
   EXPECT_THAT(ErrorWith([](auto* o) { o->images = "2"; }), HasSubstr("3 of the scene's for it are not among --images"));
   EXPECT_THAT(ErrorWith([](auto* o) { o->window_size = 1; }), HasSubstr("--window-size = 1"));
   EXPECT_TRUE(fake_.calls.empty());
@@ -277,6 +272,27 @@ TEST_F(ReconstructTest, QuietRunsPrintNothingButTimings) {
   for (const char* stage : {"photometric", "prior construction", "planar prior", "geometric", "fusion", "kernels"}) {
     EXPECT_THAT(out_.str(), HasSubstr(stage));
   }
+}
+
+TEST(Progress, TimeLeftFollowsTheShareOfTheWorkAndIgnoresReusedSteps) {
+  std::ostringstream stream;
+  {
+    Progress progress(&stream, ProgressStyle::kBar);
+    progress.Begin("first", 4, 0.4);
+    progress.Step(true);
+    progress.Step(true);
+    EXPECT_LT(progress.SecondsLeft(1), 0) << "reused steps say nothing about the speed";
+    progress.Step();
+    progress.Step();
+    EXPECT_NEAR(progress.SecondsLeft(3), 3.0 / 2 * 6, 1e-9);
+    progress.Begin("second", 2);
+    progress.Step();
+    EXPECT_DOUBLE_EQ(progress.done_share(), 0.7);
+    progress.Warn("look");
+  }
+  EXPECT_THAT(stream.str(), HasSubstr("[#####################.........] 70 %  second 1/2"));
+  EXPECT_THAT(stream.str(), HasSubstr("\r\033[Kwarning: look\n"));
+  EXPECT_EQ(FormatDuration(127) + " " + FormatDuration(3909.4), "2:07 1:05:09");
 }
 
 }  // namespace

@@ -1,16 +1,14 @@
 // Runs that were interrupted, failed or were changed go on, or are refused.
-#include <gmock/gmock.h>
 
 #include <algorithm>
 #include <filesystem>
 #include <string>
 
 #include "reconstruction/run_fixture.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
-
-using ::testing::HasSubstr;
 
 class ResumeTest : public ReconstructRunFixture {
  protected:
@@ -90,7 +88,7 @@ TEST_F(ResumeTest, ACompleteRunThatLostFilesIsMadeAgain) {
 TEST_F(ResumeTest, OtherSettingsAreRefusedUntilOverwrite) {
   Run(&fake_);
   options_.seed = 7;
-  EXPECT_THAT(Error(), AllOf(HasSubstr("seed was 1 and is 7"), HasSubstr("--overwrite")));
+  EXPECT_THAT(Error(), HasAll("seed was 1 and is 7", "--overwrite"));
   options_.overwrite = true;
   FakeMatcher again;
   Run(&again);
@@ -110,7 +108,7 @@ TEST_F(ResumeTest, OverwriteRemovesWhatOtherSettingsDoNotMake) {
   EXPECT_TRUE(Has("colmap") && Has("tiles"));
   options_.colmap = false;
   options_.tile_size = 0.40000001;
-  EXPECT_THAT(Error(), AllOf(HasSubstr("colmap was yes and is no"), HasSubstr("tile-size was 0.4 and is 0.40000001)")));
+  EXPECT_THAT(Error(), HasAll("colmap was yes and is no", "tile-size was 0.4 and is 0.40000001)"));
   options_.tile_size.reset();
   options_.overwrite = true;
   Run(&fake_);
@@ -152,28 +150,18 @@ TEST_F(ResumeTest, AnInterruptedOnlineRunStartsAnew) {
   options_.lookahead = 1;
   const int passes = PassesOfWholeRun();
   for (int stop : {0, 3, passes - 1}) {
-    for (const bool fails : {false, true}) {
-      std::filesystem::remove_all(output());
-      FakeMatcher first;
-      StopRequest watcher;
-      first.on_call = [&](int call) {
-        if (call != stop) return;
-        if (fails) throw ProcessingError("device lost");
-        watcher.Request();
-      };
-      if (fails) {
-        EXPECT_THAT(MessageOf<ProcessingError>([&] { Run(&first); }), HasSubstr("device lost"));
-      } else {
-        EXPECT_THROW(Run(&first, &watcher), Interrupted);
-      }
-      EXPECT_FALSE(Has("summary.json"));
-      FakeMatcher second;
-      Run(&second);
-      EXPECT_THAT(log_.str(), HasSubstr("an interrupted run with --schedule online starts anew"));
-      EXPECT_EQ(static_cast<int>(second.calls.size()), passes);
-      ExpectSameContents(output("whole"), output());
-    }
+    std::filesystem::remove_all(output());
+    RunInterrupted(stop);
+    EXPECT_FALSE(Has("summary.json"));
+    FakeMatcher second;
+    Run(&second);
+    EXPECT_THAT(log_.str(), HasSubstr("an interrupted run with --schedule online starts anew"));
+    EXPECT_EQ(static_cast<int>(second.calls.size()), passes);
+    ExpectSameContents(output("whole"), output());
   }
+  options_.overwrite = true;
+  fake_.on_call = [](int) { throw ProcessingError("device lost"); };
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { Run(&fake_); }), HasSubstr("device lost"));
 }
 
 }  // namespace

@@ -1,5 +1,4 @@
 // Stages of chunks, by a process each (--stage) or by one (--stages), end with the bytes of a run alone.
-#include <gmock/gmock.h>
 
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -7,13 +6,12 @@
 #include <set>
 
 #include "reconstruction/run_fixture.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
 
 using nlohmann::json;
-using ::testing::HasSubstr;
-using ::testing::StartsWith;
 
 class StagesTest : public ReconstructRunFixture {
  protected:
@@ -158,21 +156,6 @@ TEST_F(StagesTest, EndWithTheBytesOfARunAloneAndRepeatNothing) {
   Run(&none);
   EXPECT_THAT(out_.str(), HasSubstr("already complete"));
   EXPECT_TRUE(none.calls.empty());
-}
-
-TEST_F(StagesTest, OfOneImageOrSeveralChunksAtOnceMakeTheSame) {
-  RunTo("alone");
-  std::set<std::string> steps;
-  for (const Task& task : Plan()) steps.insert(task.stage);
-  for (const char* stage : {"step_0", "step_1", "step_2", "step_3", "final"}) {
-    if (steps.count(stage) == 0) continue;
-    for (const char* images : {"5-8", "0", "1,3", "2-4"}) Stage(stage, images, &fake_);
-  }
-  Stage("maps", "0-8", &fake_);
-  const auto written = std::filesystem::last_write_time(output() / "depth/000003.pfm");
-  Stage("finish", "", &fake_);
-  EXPECT_EQ(std::filesystem::last_write_time(output() / "depth/000003.pfm"), written);
-  ExpectSameContents(output("alone"), output());
 }
 
 TEST_F(StagesTest, WriteTheTilesOfARunAloneAlsoFarFromTheOrigin) {
@@ -339,24 +322,6 @@ TEST_F(StagesTest, OfOneProcessFollowImagesAndPlansThatChange) {
           &matcher);
   PlanAfresh();
   Stage("step_0", "0-1", &other);
-  EXPECT_EQ(Results(matcher), Results(other));
-
-  const auto plan_less = [&] {
-    options_.images = "0-6";
-    PlanAfresh();
-    options_.images.clear();
-  };
-  PlanAfresh();
-  other.calls.clear();
-  DoLines({{"step_0 6-7"},  // both match image 8
-           {"step_0 6",
-            [&] {
-              plan_less();
-              matcher.calls.clear();
-            }}},
-          &matcher);
-  plan_less();
-  Stage("step_0", "6", &other);
   EXPECT_EQ(Results(matcher), Results(other));
 }
 

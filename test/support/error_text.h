@@ -8,12 +8,25 @@
 
 namespace acmp {
 
-/// Message of the InvalidInputError that a call throws; "no error" when it throws none.
-template <class Function>
-std::string ErrorOf(Function&& function) {
+// The matchers of texts and lists that tests use.
+using ::testing::AllOf;
+using ::testing::AnyOf;
+using ::testing::Contains;
+using ::testing::Each;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+using ::testing::SizeIs;
+using ::testing::StartsWith;
+using ::testing::UnorderedElementsAre;
+
+/// Message of the error of type E that a call throws; "no error" when it throws none.
+template <class E = InvalidInputError, class Function>
+std::string ErrorOf(const Function& function) {
   try {
     function();
-  } catch (const InvalidInputError& error) {
+  } catch (const E& error) {
     return error.what();
   }
   return "no error";

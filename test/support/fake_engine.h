@@ -4,7 +4,6 @@
 #include <stdexcept>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "acmp_mapping/engine/host_depth_engine.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"

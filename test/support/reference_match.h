@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <vector>
 
 #include "acmp_mapping/geometry/plane_hypothesis.h"
 #include "acmp_mapping/patch_match/patch_match_options.h"

@@ -14,7 +14,6 @@ expect 0 "3 images" "$bin/acmp_make_scene" a "${small[@]}" --overwrite
 expect 0 "3 images of 48 x 36" "$bin/acmp_make_scene" hard "${small[@]}" --scene hard
 cmp -s a/depth/000001.png hard/depth/000001.png && fail "--scene hard is the room"
 expect 2 'scene = "kitchen": must be one of room, hard' "$bin/acmp_make_scene" c --scene kitchen
-expect 2 "read_noise_grey = 51" "$bin/acmp_make_scene" c --noise 51
 expect 2 "keyframes = 1" "$bin/acmp_make_scene" c --keyframes 1
 expect 2 "required" "$bin/acmp_make_scene"
 expect 2 "cannot create folder" "$bin/acmp_make_scene" a/cameras.txt/below "${small[@]}"
@@ -23,7 +22,6 @@ expect 0 "Usage: acmp_evaluate" "$bin/acmp_evaluate" --help
 expect 0 "counts as wrong" "$bin/acmp_evaluate" depth --help
 expect 0 "ETH3D" "$bin/acmp_evaluate" cloud --help
 expect 2 "required" "$bin/acmp_evaluate"
-expect 2 "PREDICTIONS" "$bin/acmp_evaluate" depth a
 expect 2 "no such folder" "$bin/acmp_evaluate" depth a missing
 expect 2 "cameras.txt" "$bin/acmp_evaluate" depth a/depth a/depth
 expect 2 "image list" "$bin/acmp_evaluate" depth a a/depth --subset x

@@ -1,17 +1,14 @@
+#include <map>
+#include <string>
+
 #include "acmp_mapping/pipeline/depth_estimator.h"
-
-#include "gmock/gmock.h"
-#include "gtest/gtest.h"
-
-#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/pipeline/presets.h"
+#include "support/error_text.h"
 #include "support/fake_engine.h"
 #include "support/planar_scene.h"
 
 namespace acmp {
 namespace {
-
-using ::testing::ElementsAre;
-using ::testing::IsEmpty;
 
 /// Remembers what it was asked and returns a slanted plane with credible and other pixels.
 class SpyEngine final : public FakeEngine {
@@ -163,6 +160,104 @@ TEST_F(DepthEstimatorTest, StepsRunThePassesThatTheOptionsName) {
   estimator.set_options(options);
   estimator.Run(estimator.schedule().back(), problem);
   EXPECT_THAT(engine_.calls, IsEmpty());
+}
+
+TEST(PresetsTest, AreThePapersSystemsAndOurs) {
+  EXPECT_THAT(PresetNames(), ElementsAre("acmh", "acmm", "acmp_no_geometric", "acmp", "balanced", "online"));
+  for (const std::string& name : PresetNames()) EXPECT_NO_THROW(Validate(MakePreset(name))) << name;
+  EXPECT_REFUSED(MakePreset("ACMP"), "\"ACMP\"", "acmh, acmm, acmp_no_geometric, acmp, balanced, online");
+}
+
+TEST(PresetsTest, ThePapersRunTheStepsOfTheirPapersAndNothingElse) {
+  const PipelineOptions acmh = MakePreset("acmh"), acmm = MakePreset("acmm"), acmp = MakePreset("acmp"),
+                        no_geometric = MakePreset("acmp_no_geometric");
+  EXPECT_EQ(acmh.patch_match.method, Method::kAcmh);
+  EXPECT_TRUE(!acmh.use_planar_prior && no_geometric.use_planar_prior && acmp.use_planar_prior);
+  EXPECT_THAT(std::vector<int>(
+                  {acmh.geometric_passes, no_geometric.geometric_passes, acmp.geometric_passes, acmm.geometric_passes}),
+              ElementsAre(0, 0, 2, 2));
+  EXPECT_EQ(acmm.patch_match.geometric_weight, 0.2f);
+  EXPECT_EQ(acmm.patch_match.geometric_max_px, 3.0f);
+  for (const PipelineOptions& later : {no_geometric, acmp}) {
+    // Section "Experiments", parameter settings; section "The Algorithm".
+    const PatchMatchOptions& match = later.patch_match;
+    EXPECT_EQ(match.method, Method::kAcmp);
+    EXPECT_EQ(later.planar_prior.max_support_cost, 0.1f);
+    EXPECT_EQ(match.prior_alpha, 0.18f);
+    EXPECT_EQ(match.prior_gamma, 0.5f);
+    EXPECT_EQ(match.prior_sigma_normal_deg, 5.0f);
+    EXPECT_EQ(match.prior_depth_divisor, 64.0f);
+    EXPECT_EQ(match.sigma_view, 0.3f);
+    EXPECT_EQ(match.view_smoothness, 0.9f);
+    EXPECT_EQ(match.geometric_weight, 0.1f);
+    EXPECT_EQ(match.geometric_max_px, 5.0f);
+    EXPECT_EQ(match.photometric_iterations, 3);
+    EXPECT_EQ(match.planar_prior_iterations, 3);
+    EXPECT_EQ(match.geometric_iterations, 2);
+    EXPECT_EQ(later.planar_prior.cell_size_px, 5);
+  }
+  for (const PipelineOptions& paper : {acmh, no_geometric, acmp}) {
+    EXPECT_EQ(paper.start_level, 0);
+    EXPECT_EQ(paper.full_size_iterations, 0);
+    EXPECT_FALSE(paper.fill.enabled);
+    EXPECT_EQ(paper.fusion.max_reprojection_px, 2.0f);
+    EXPECT_EQ(paper.fusion.max_relative_depth, 0.01f);
+    EXPECT_EQ(paper.fusion.max_normal_angle_deg, 10.0f);
+    EXPECT_EQ(paper.fusion.min_consistent_views, 2);
+    EXPECT_EQ(paper.fusion.min_confidence, 0);
+  }
+}
+
+/// A bound of the option, or the other value of a flag.
+OptionValue Extreme(const Option& option, bool upper) {
+  const double bound = upper ? option.max : option.min;
+  if (std::holds_alternative<bool>(option.get())) return upper;
+  if (std::holds_alternative<int>(option.get())) return static_cast<int>(bound);
+  return bound;
+}
+
+TEST(ParametersTest, SettingOneChangesThatOneAlone) {
+  PipelineOptions options, defaults;
+  const OptionList of_defaults = OptionsOf(&defaults);
+  for (const Option& changed : OptionsOf(&options)) {
+    options = {};
+    const bool at_top = changed.get() == Extreme(changed, true);
+    changed.set(Extreme(changed, !at_top));
+    for (const Option& option : OptionsOf(&options)) {
+      EXPECT_EQ(option.get() == of_defaults.Find(option.name).get(), option.name != changed.name)
+          << changed.name << ", " << option.name;
+    }
+  }
+}
+
+std::string StepsOf(const PipelineOptions& options) {
+  using Kind = KeyframeStep::Kind;
+  const std::map<Kind, std::string> names = {{Kind::kInitial, "initial"},
+                                             {Kind::kNextScale, "next scale"},
+                                             {Kind::kFillForPasses, "fill for passes"},
+                                             {Kind::kGeometricPass, "pass"},
+                                             {Kind::kFillUnverified, "fill"}};
+  std::string steps;
+  for (const KeyframeStep& step : ScheduleOf(options)) {
+    steps += (steps.empty() ? "" : ", ") + names.at(step.kind);
+    if (step.kind == Kind::kGeometricPass) steps += Concat(" ", step.pass);
+    if (step.level > 0) steps += Concat(" at level ", step.level);
+  }
+  return steps;
+}
+
+std::string StepsOf(bool fills, int geometric_passes) {
+  PipelineOptions options;
+  options.fill.enabled = fills;
+  options.geometric_passes = geometric_passes;
+  return StepsOf(options);
+}
+
+TEST(ScheduleTest, PassesFollowTheInitialEstimateAndWhatIsUnverifiedIsFilledBeforeAndAfterThem) {
+  EXPECT_EQ(StepsOf(false, 0), "initial");
+  EXPECT_EQ(StepsOf(false, 2), "initial, pass 0, pass 1");
+  EXPECT_EQ(StepsOf(true, 0), "initial, fill") << "nothing checks what would be offered to passes";
+  EXPECT_EQ(StepsOf(true, 2), "initial, fill for passes, pass 0, pass 1, fill");
 }
 
 }  // namespace

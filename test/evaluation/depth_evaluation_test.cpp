@@ -1,17 +1,16 @@
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-#include <nlohmann/json.hpp>
-
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <limits>
+#include <nlohmann/json.hpp>
 #include <string>
+#include <tuple>
 #include <vector>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/evaluation/depth_metrics.h"
 #include "acmp_mapping/evaluation/evaluate.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dataset/test_folder.h"
@@ -20,7 +19,77 @@
 namespace acmp {
 namespace {
 
-using testing::HasSubstr;
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+constexpr float kInf = std::numeric_limits<float>::infinity();
+
+DepthMap Row(const std::vector<float>& values) {
+  DepthMap map(static_cast<int>(values.size()), 1);
+  std::copy(values.begin(), values.end(), map.begin());
+  return map;
+}
+
+TEST(EvaluateDepth, CountsErrorsAmongAllPixelsWithGroundTruth) {
+  const DepthMap truth = Row({1, 2, 3, 1, 1, 1, 1, 0, kNan});
+  const DepthMetrics metrics = EvaluateDepth(Row({1.005f, 2.03f, 3.12f, 0, -1, kNan, kInf, 5, 5}), truth);
+  EXPECT_EQ(metrics.ground_truth_pixels, 7u);
+  const double each = 100 / 7.0;
+  for (const auto& [i, absolute, relative] : {std::tuple(0, 1, 1), {1, 2, 2}, {2, 2, 3}}) {
+    EXPECT_NEAR(metrics.below_absolute[i], absolute * each, 1e-9) << i;
+    EXPECT_NEAR(metrics.below_relative[i], relative * each, 1e-9) << i;
+  }
+  EXPECT_NEAR(metrics.density, 3 * each, 1e-9);
+  EXPECT_NEAR(metrics.median_error, 0.03, 1e-6);  // float rounding of depths below 8
+  EXPECT_NEAR(EvaluateDepth(Row({1.005f, 2.03f}), Row({1, 2})).median_error, 0.0175, 1e-6)
+      << "the mean of the middle two";
+}
+
+TEST(MedianScale, IsThatOfWhatIsKnownOnBothSides) {
+  EXPECT_DOUBLE_EQ(MedianScale(Row({1, 2, 0, 4, 5}), Row({2, 4, 3, 0, 50})), 2);
+  EXPECT_EQ(MedianScale(Row({0, kNan}), Row({1, 1})), 1);
+  EXPECT_EQ(MedianScale(DepthMap(), Row({1, 1})), 1);
+}
+
+TEST(EvaluateDepth, IsUndefinedWithoutGroundTruth) {
+  const DepthMetrics metrics = EvaluateDepth(Row({1.0f, 1.0f}), Row({0.0f, kNan}));
+  EXPECT_EQ(metrics.ground_truth_pixels, 0u);
+  EXPECT_TRUE(std::isnan(metrics.below_absolute[0]));
+  EXPECT_TRUE(std::isnan(metrics.density));
+}
+
+TEST(EvaluateDepth, AnErrorOfExactlyTheThresholdIsNotBelowIt) {
+  // 0.2f is twice 0.1f: their difference is the threshold to the last bit.
+  EXPECT_EQ(EvaluateDepth(Row({0.2f}), Row({0.1f})).below_absolute[2], 0.0);
+  EXPECT_EQ(EvaluateDepth(Row({std::nextafter(0.2f, 0.0f)}), Row({0.1f})).below_absolute[2], 100.0);
+}
+
+TEST(EvaluateDepth, LooksUpAnEstimateOfAnotherSizeAtTheNearestPixelCentre) {
+  // Three times smaller: pixels 0..2 belong to 0, 3..5 to 1.
+  EXPECT_DOUBLE_EQ(EvaluateDepth(Row({1.0f, 2.0f}), Row({1, 1, 1, 2, 2, 2})).below_absolute[0], 100.0);
+  // Three times larger: the middle one of each three.
+  EXPECT_DOUBLE_EQ(EvaluateDepth(Row({9, 1, 9, 9, 2, 9}), Row({1, 2})).below_absolute[0], 100.0);
+  // Twice larger: centres lie half way, which goes to the even pixel: 0.5 -> 0, 2.5 -> 2.
+  EXPECT_DOUBLE_EQ(EvaluateDepth(Row({1, 9, 2, 9}), Row({1, 2})).below_absolute[0], 100.0);
+  // Another aspect ratio: each axis by itself.
+  DepthMap estimate(1, 2);
+  estimate(0, 0) = 1;
+  estimate(0, 1) = 2;
+  DepthMap truth(2, 4, 1.0f);
+  for (int row = 2; row < 4; ++row) truth(0, row) = truth(1, row) = 2;
+  EXPECT_DOUBLE_EQ(EvaluateDepth(estimate, truth).below_absolute[0], 100.0);
+}
+
+TEST(MeanOfDepthMetrics, WeighsImagesEquallyAndLeavesOutThoseWithoutGroundTruth) {
+  const DepthMetrics good = EvaluateDepth(Row({1, 1, 1}), Row({1, 1, 1}));
+  const DepthMetrics missing = EvaluateDepth(DepthMap(), Row({1}));
+  const DepthMetrics no_truth = EvaluateDepth(Row({1}), Row({0}));
+  const DepthMetrics mean = Mean({good, missing, no_truth});
+  EXPECT_EQ(mean.ground_truth_pixels, 2u);
+  EXPECT_DOUBLE_EQ(mean.below_absolute[0], 50.0);
+  EXPECT_DOUBLE_EQ(mean.density, 50.0);
+  EXPECT_DOUBLE_EQ(mean.median_error, 0.0);  // of the only image that has one
+  EXPECT_TRUE(std::isnan(Mean({no_truth}).density));
+  EXPECT_TRUE(std::isnan(Mean({}).density));
+}
 
 // A small synthetic scene on disk with predictions: noise and holes in image 0, none for image 1, half size for
 // image 2.
@@ -139,7 +208,7 @@ TEST_F(EvaluateDepthTest, ReportsTheSameFiguresInEveryForm) {
   EXPECT_THAT(table, HasSubstr("1 000001.png MISSING"));
   EXPECT_THAT(table, HasSubstr("no prediction file for 1 of 3 images: [1]"));
   EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 8);
-  EXPECT_THAT(DepthTable(evaluation, true), testing::Not(HasSubstr("MISSING")));
+  EXPECT_THAT(DepthTable(evaluation, true), Not(HasSubstr("MISSING")));
 
   const auto json = nlohmann::json::parse(DepthJson(evaluation));
   EXPECT_FALSE(json["images"][1]["predicted"]);
@@ -148,44 +217,25 @@ TEST_F(EvaluateDepthTest, ReportsTheSameFiguresInEveryForm) {
   EXPECT_EQ(json["pool"].back(), evaluation.pool.median_error);
 }
 
-// Standard deviation over 11x11 pixels, mirrored at the border without repeating it, in double.
-double StandardDeviation(const Image<unsigned char>& image, int col, int row) {
-  const auto mirror = [](int i, int size) { return i < 0 ? -i : i >= size ? 2 * size - 2 - i : i; };
-  double sum = 0, sum_squares = 0;
-  for (int v = row - 5; v <= row + 5; ++v) {
-    for (int u = col - 5; u <= col + 5; ++u) {
-      const double value = image(mirror(u, image.width()), mirror(v, image.height()));
-      sum += value;
-      sum_squares += value * value;
+TEST(LowTextureMask, IsWhereTheDeviationIsBelowTheLimit) {
+  constexpr int kEdge = 18, kReach = 5;  // windows of 11 px
+  for (const int amplitude : {3, 5}) {
+    Image<unsigned char> image(37, 29, 100);  // flat, and from the edge on a checkerboard: that is its deviation
+    for (int row = 0; row < 29; ++row) {
+      for (int col = kEdge; col < 37; ++col) image(col, row) += (row + col) % 2 == 0 ? amplitude : -amplitude;
+    }
+    const Image<unsigned char> mask = LowTextureMask(image.Clone(), 37, 29, 4.0);
+    for (int row = 0; row < 29; ++row) {
+      for (int col = 0; col < 37; ++col) {
+        if (col < kEdge - kReach) {
+          EXPECT_NE(mask(col, row), 0) << col << " " << row;
+        } else if (col >= kEdge + kReach) {
+          EXPECT_EQ(mask(col, row) != 0, amplitude < 4) << col << " " << row;
+        }
+      }
     }
   }
-  return std::sqrt(std::max(sum_squares / 121 - sum / 121 * sum / 121, 0.0));
 }
-
-TEST(LowTextureMask, AgreesWithAPlainReference) {
-  Image<unsigned char> image(37, 29);
-  for (int row = 0; row < 29; ++row) {
-    for (int col = 0; col < 37; ++col) {
-      RandomStream random(1, static_cast<uint32_t>(row * 37 + col), 0);
-      image(col, row) = static_cast<unsigned char>(100 + random.NextUniform() * col);  // from flat to rough
-    }
-  }
-  const Image<unsigned char> mask = LowTextureMask(image.Clone(), 37, 29, 4.0);
-  int low = 0;
-  for (int row = 0; row < 29; ++row) {
-    for (int col = 0; col < 37; ++col) {
-      low += mask(col, row);
-      const double deviation = StandardDeviation(image, col, row);
-      // Float sums of 121 squares of about 10^4: the variance is off by up to 0.02, the deviation by 0.003.
-      if (std::abs(deviation - 4.0) <= 0.003) continue;
-      EXPECT_EQ(mask(col, row) != 0, deviation < 4.0) << col << " " << row;
-    }
-  }
-  EXPECT_GT(low, 200);
-  EXPECT_LT(low, 37 * 29 - 200);
-}
-
-namespace fs = std::filesystem;
 
 class EvaluateInputsTest : public TestFolder {
  protected:
@@ -214,15 +264,15 @@ TEST_F(EvaluateInputsTest, WhichFileIsWhoseMap) {
            {{"000000.pfm", "000000.png", "000001.png", "000007.png", "000007.dmb"},
             "",
             "0: 000000.pfm, 1: 000001.png, 7: 000007.dmb"}}) {
-    for (const auto& entry : fs::directory_iterator(folder())) fs::remove_all(entry);
+    for (const auto& entry : std::filesystem::directory_iterator(folder())) std::filesystem::remove_all(entry);
     for (const std::string& file : c.files) WriteText(file, "x");
     std::string found;
     for (const auto& [image, path] : Find(c.name).files) {
-      found += Concat(found.empty() ? "" : ", ", image, ": ", fs::relative(path, folder()).string());
+      found += Concat(found.empty() ? "" : ", ", image, ": ", std::filesystem::relative(path, folder()).string());
     }
     EXPECT_EQ(found, c.found);
   }
-  EXPECT_THAT(Find().notes, testing::ElementsAre(HasSubstr("2 maps left aside")));
+  EXPECT_THAT(Find().notes, ElementsAre(HasSubstr("2 maps left aside")));
 }
 
 TEST_F(EvaluateInputsTest, RefusesFoldersWithoutAnyMapOfTheScene) {

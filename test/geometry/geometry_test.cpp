@@ -1,14 +1,12 @@
-#include "acmp_mapping/geometry/lens.h"
-
+#include <Eigen/LU>
 #include <cmath>
+#include <limits>
 #include <string>
 #include <vector>
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
 #include "acmp_mapping/common/degrees.h"
-#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/geometry/lens.h"
+#include "acmp_mapping/geometry/similarity.h"
 #include "support/error_text.h"
 #include "support/lens.h"
 
@@ -16,8 +14,6 @@ namespace acmp {
 namespace {
 
 using Model = LensDistortion::Model;
-using ::testing::AllOf;
-using ::testing::HasSubstr;
 
 constexpr double kDeg = kRadPerDeg<double>;
 
@@ -108,7 +104,7 @@ TEST(Lens, ModelsOfKalibrAndBasaltAreTheirClosedForms) {
   const Eigen::Vector3d aside = RayAtAngle(80, 20);
   EXPECT_NEAR((*mei.Project(aside) - *unified.Project(aside)).norm(), 0, 1e-9);
   EXPECT_GT((*unified.Project(aside) - *extended.Project(aside)).norm(), 1) << "alpha and beta count";
-  EXPECT_THAT(ErrorOf([&] { Lens(kCamera, {Model::kDoubleSphere, {-1.2, 0.6}}); }), HasSubstr("up to 0 degrees"));
+  EXPECT_REFUSED(Lens(kCamera, {Model::kDoubleSphere, {-1.2, 0.6}}), "up to 0 degrees");
 }
 
 TEST(Lens, UndistortedImagesHaveTheResolutionOfTheMiddle) {
@@ -184,20 +180,11 @@ TEST(Lens, SeesAsFarAsImageFieldAndModelGo) {
 
 TEST(Lens, RefusesWhatCannotBe) {
   const LensDistortion ends = {Model::kEquidistant, {-1.0 / 6, 0, 0, 0}};
-  EXPECT_THAT(ErrorOf([&] { Lens(kCamera, ends, 190); }),
-              AllOf(HasSubstr("up to 81"), HasSubstr("at least 95 degrees (field_of_view)")));
-  EXPECT_THAT(ErrorOf([&] {
-                Lens(kCamera, {Model::kEquidistant, {-8, 0, 0, 0}});
-              }),
-              AllOf(HasSubstr("go outwards"), HasSubstr("at least 120 px")));
-  EXPECT_THAT(ErrorOf([&] {
-                Lens(kCamera, {Model::kBrownConrady, {-0.1, 0, 0, 0}}, 190);
-              }),
-              AllOf(HasSubstr("field_of_view of this lens = 190"), HasSubstr("[1, 180]")));
-  EXPECT_THAT(ErrorOf([&] {
-                Lens(kCamera, {Model::kEquirectangular, {}});
-              }),
-              AllOf(HasSubstr("640x480"), HasSubstr("twice as wide as high")));
+  EXPECT_REFUSED(Lens(kCamera, ends, 190), "up to 81", "at least 95 degrees (field_of_view)");
+  EXPECT_REFUSED(Lens(kCamera, {Model::kEquidistant, {-8, 0, 0, 0}}), "go outwards", "at least 120 px");
+  EXPECT_REFUSED(Lens(kCamera, {Model::kBrownConrady, {-0.1, 0, 0, 0}}, 190), "field_of_view of this lens = 190",
+                 "[1, 180]");
+  EXPECT_REFUSED(Lens(kCamera, {Model::kEquirectangular, {}}), "640x480", "twice as wide as high");
 }
 
 /// How many of the faces show a ray.
@@ -218,10 +205,8 @@ std::vector<std::string> NamesOf(const std::vector<PinholeFace>& faces) {
 
 TEST(FacesOf, ALensThatShowsNothingHasNone) {
   for (const double cx : {1e9, -1e9}) {
-    EXPECT_THAT(ErrorOf([&] {
-                  FacesOf(Lens({64, 48, 60, 60, cx, 24}, {Model::kNone, {}}));
-                }),
-                HasSubstr("its lens shows hardly anything of any direction"));
+    EXPECT_REFUSED(FacesOf(Lens({64, 48, 60, 60, cx, 24}, {Model::kNone, {}})),
+                   "its lens shows hardly anything of any direction");
   }
 }
 
@@ -257,6 +242,158 @@ TEST(FacesOf, ShowAllThatTheLensSees) {
   EXPECT_EQ(FacesOf(round)[3].lens_from_face.col(2), Eigen::Vector3d(0, -1, 0));
   // Only the strip that the lens sees, 5 degrees beyond the middle and a little more.
   EXPECT_LT(FacesOf(round)[2].camera.width, 0.65 * FacesOf(round)[0].camera.width);
+}
+
+constexpr double kExact = 1e-9;  ///< sums over a few hundred poses in double, values below 100
+
+/// World_from_cam of a camera that walks along a curve and looks about.
+RigidTransform OnCurve(int i) {
+  RigidTransform pose = RigidTransform::Identity();
+  pose.translation() << 0.1 * i, std::sin(0.05 * i), 0.2 * std::cos(0.11 * i);
+  pose.rotate(Eigen::AngleAxisd(0.03 * i, Eigen::Vector3d(1, 2, 3).normalized()));
+  return pose;
+}
+
+RigidTransform OnLine(int i) {
+  RigidTransform pose = RigidTransform::Identity();
+  pose.translation() << 0.1 * i, 0, 0;
+  return pose;
+}
+
+Similarity AnySimilarity() {
+  Similarity similarity;
+  similarity.rigid.translation() << 3, -4, 5;
+  similarity.rigid.rotate(Eigen::AngleAxisd(2.5, Eigen::Vector3d(-1, 1, 0.5).normalized()));
+  similarity.scale = 1.7;
+  return similarity;
+}
+
+TEST(Similarity, IsFoundFromPosesAlsoOnAStraightLine) {
+  const Similarity expected = AnySimilarity();
+  for (const auto& trajectory : {OnCurve, OnLine}) {
+    std::vector<PosePair> poses;
+    for (int i = 0; i < 8; ++i) poses.push_back({trajectory(i), expected.Moved(trajectory(i))});
+    const Similarity found = FitSimilarity(poses);
+    EXPECT_NEAR(found.scale, expected.scale, kExact);
+    EXPECT_TRUE(found.rigid.isApprox(expected.rigid, kExact));
+  }
+}
+
+/// Baselines are right, but each step turns the rest of the trajectory by 0.7 degrees.
+TEST(Similarity, TakesNoDriftForAScale) {
+  std::vector<PosePair> poses = {{OnLine(0), OnLine(0)}};
+  for (int i = 1; i < 90; ++i) {
+    RigidTransform received = poses.back().to * OnLine(i - 1).inverse() * OnLine(i);
+    received.rotate(Eigen::AngleAxisd(0.012, Eigen::Vector3d::UnitZ()));
+    poses.push_back({OnLine(i), received});
+  }
+  // Over four steps the turn shortens baselines by 0.03 %. Least squares of all centres give 0.97.
+  EXPECT_NEAR(FitSimilarity(poses).scale, 1, 0.003);
+}
+
+TEST(PlaceAlong, PutsEachWorldWhereItsKeyframesWere) {
+  std::vector<RefinedAndReceived> keyframes;
+  for (int i = 0; i < 20; ++i) {
+    Similarity received_from_refined = AnySimilarity();
+    const uint64_t world = i < 8 ? 4 : 5;
+    if (world == 5) received_from_refined.scale = 0.5;
+    keyframes.push_back({{world, OnCurve(i), 2}, received_from_refined.Moved(OnCurve(i))});
+  }
+  keyframes.push_back({{6, OnCurve(20), 1}, OnCurve(21)});
+  const std::vector<std::optional<PlacedCamera>> placed = PlaceAlong(keyframes);
+  ASSERT_EQ(placed.size(), keyframes.size());
+  for (size_t i = 0; i < 20; ++i) {
+    ASSERT_TRUE(placed[i]);
+    EXPECT_TRUE(placed[i]->world_from_cam.isApprox(keyframes[i].received, kExact)) << i;
+    EXPECT_NEAR(placed[i]->scale, (i < 8 ? 1.7 : 0.5) / 2, kExact) << "points had been multiplied by 2";
+  }
+  EXPECT_FALSE(placed[20]) << "one keyframe does not tell where its world lies";
+}
+
+/// What a monocular frontend may do: its scale falls by a fifth and comes back.
+TEST(PlaceAlong, KeepsTheFormWhereTheFrontendsScaleWanders) {
+  std::vector<RefinedAndReceived> keyframes;
+  RigidTransform received = OnLine(0);
+  for (int i = 0; i < 90; ++i) {
+    const double scale = 1 - 0.2 * std::exp(-0.5 * std::pow((i - 45) / 8.0, 2));
+    keyframes.push_back({{1, OnLine(i), 1}, received});
+    received.translation() += scale * (OnLine(i + 1).translation() - OnLine(i).translation());
+  }
+  const std::vector<std::optional<PlacedCamera>> placed = PlaceAlong(keyframes);
+  double smallest = 2, largest = 0;
+  for (size_t i = 0; i < placed.size(); ++i) {
+    ASSERT_TRUE(placed[i]);
+    smallest = std::min(smallest, placed[i]->scale);
+    largest = std::max(largest, placed[i]->scale);
+    // The frontend is a fifth too slow over about 20 keyframes of 0.1: at most 0.4 in all.
+    EXPECT_LT((placed[i]->world_from_cam.translation() - keyframes[i].received.translation()).norm(), 0.2);
+  }
+  // Over all keyframes the frontend is short by 4.5 %. Twice that is left of 20 %.
+  EXPECT_LT(largest - smallest, 0.04);
+  EXPECT_NEAR(0.5 * (smallest + largest), 0.955, 0.03);
+}
+
+const PinholeCamera kVgaCamera = {640, 480, 525.5, 520.25, 311.75, 244.5};
+
+TEST(PinholeCameraTest, ProjectsAsItsMatrixDoes) {
+  for (const Eigen::Vector3d& point : {Eigen::Vector3d(0.3, -0.2, 1.5), {-4, 2, 9}, {0, 0, 0.01}}) {
+    const Eigen::Vector3d homogeneous = kVgaCamera.K() * point;
+    const Eigen::Vector2d pixel = kVgaCamera.Project(point);
+    EXPECT_NEAR(pixel.x(), homogeneous.x() / homogeneous.z(), 1e-9);  // double rounding of hundreds of px
+    EXPECT_NEAR(pixel.y(), homogeneous.y() / homogeneous.z(), 1e-9);
+    EXPECT_NEAR((kVgaCamera.Unproject(pixel, point.z()) - point).norm(), 0, 1e-12);
+  }
+  EXPECT_NEAR((kVgaCamera.Unproject({7, 8}) - kVgaCamera.K().inverse() * Eigen::Vector3d(7, 8, 1)).norm(), 0, 1e-12);
+}
+
+TEST(PinholeCameraTest, ContainsPixelsWhoseRoundedPositionIsInside) {
+  EXPECT_TRUE(kVgaCamera.Contains({0, 0}));
+  EXPECT_TRUE(kVgaCamera.Contains({-0.5, -0.5}));
+  EXPECT_TRUE(kVgaCamera.Contains({639.49, 479.49}));
+  EXPECT_FALSE(kVgaCamera.Contains({-0.51, 0}));
+  EXPECT_FALSE(kVgaCamera.Contains({0, -0.51}));
+  EXPECT_FALSE(kVgaCamera.Contains({639.5, 0}));
+  EXPECT_FALSE(kVgaCamera.Contains({0, 479.5}));
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(kVgaCamera.Contains({nan, 3}));
+  EXPECT_FALSE(kVgaCamera.Contains({3, nan}));
+}
+
+TEST(PinholeCameraTest, ResizedKeepsWhatEachPixelAreaSees) {
+  // With centres at integers, pixel u covers [u - 0.5, u + 0.5]: u -> (u + 0.5) s - 0.5, per axis.
+  for (const auto& [width, height] : {std::pair(320, 240), {641, 100}, {1, 1}, {2000, 1500}}) {
+    const PinholeCamera resized = kVgaCamera.Resized(width, height);
+    EXPECT_EQ(resized.width, width);
+    EXPECT_EQ(resized.height, height);
+    for (const Eigen::Vector3d& point : {Eigen::Vector3d(0.3, -0.2, 1.5), {-4, 2, 9}, {0, 0, 1}}) {
+      const Eigen::Vector2d before = kVgaCamera.Project(point), after = resized.Project(point);
+      EXPECT_NEAR(after.x(), (before.x() + 0.5) * width / 640.0 - 0.5, 1e-9);
+      EXPECT_NEAR(after.y(), (before.y() + 0.5) * height / 480.0 - 0.5, 1e-9);
+    }
+  }
+}
+
+TEST(PinholeCameraTest, HalvedSeesTheMeansOfTwoByTwoPixels) {
+  // Pixel 0 of the halved image covers pixels 0 and 1, whose middle is 0.5: u -> (u - 0.5) / 2, whatever the size.
+  for (const auto& [width, height] : {std::pair(640, 480), {641, 483}, {7, 2}}) {
+    PinholeCamera camera = kVgaCamera;
+    camera.width = width;
+    camera.height = height;
+    const PinholeCamera halved = camera.Halved();
+    EXPECT_EQ(halved.width, width / 2);
+    EXPECT_EQ(halved.height, height / 2);
+    for (const Eigen::Vector3d& point : {Eigen::Vector3d(0.3, -0.2, 1.5), {-4, 2, 9}, {0, 0, 1}}) {
+      const Eigen::Vector2d before = camera.Project(point), after = halved.Project(point);
+      EXPECT_NEAR(after.x(), (before.x() - 0.5) / 2, 1e-9);
+      EXPECT_NEAR(after.y(), (before.y() - 0.5) / 2, 1e-9);
+    }
+  }
+  // Where nothing is left out it is the camera of the resized image.
+  const PinholeCamera halved = kVgaCamera.Halved(), resized = kVgaCamera.Resized(320, 240);
+  EXPECT_NEAR(halved.cx, resized.cx, 1e-12);
+  EXPECT_NEAR(halved.cy, resized.cy, 1e-12);
+  EXPECT_EQ(halved.fx, resized.fx);
+  EXPECT_EQ(halved.fy, resized.fy);
 }
 
 }  // namespace
