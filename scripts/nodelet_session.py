@@ -76,7 +76,8 @@ class Session:
     def __init__(self, folder, map_parameters=(), mapper_parameters=(), global_parameters=()):
         self.folder, self.manager, self.master = Path(folder), None, start_master()
         try:
-            parameters = {"/dense_mapper": {"device": "cpu", "overload": "block", "preset": "online", **dict(mapper_parameters)},
+            parameters = {"/dense_mapper": {"device": "cpu", "overload": "block", "preset": "online", "sparse_wait": 10.0,
+                                            **dict(mapper_parameters)},
                           "/map_server": {"save_folder": str(folder), **dict(map_parameters)}, "": dict(global_parameters)}
             for node, values in parameters.items():
                 for name, value in values.items():

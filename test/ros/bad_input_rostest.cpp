@@ -17,7 +17,7 @@ class BadInputSession : public MapperControl {
  public:
   BadInputSession() : MapperControl(Parameters{}) {}
   const std::vector<ViewMessages> scene = MakeSmallScene(kViews);
-  const bool ready = WaitUntilReady(kTimeoutS);
+  const bool ready = WaitUntilReady();
 };
 
 using BadInputTest = RunsTest<BadInputSession>;
@@ -63,9 +63,9 @@ TEST_F(BadInputTest, IsNamedWithItsReasonAndTheMapperGoesOn) {
     }
     std::vector<std::string> parts = bad.parts;
     parts.push_back("dropped: " + bad.reason);
-    EXPECT_TRUE(mapper().WaitForDiagnostic(parts, kTimeoutS)) << bad.reason << ": " << bad.parts[0];
+    EXPECT_TRUE(mapper().WaitForDiagnostic(parts)) << bad.reason << ": " << bad.parts[0];
   }
-  EXPECT_TRUE(mapper().WaitForLog({"bad_image", "holograms"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"bad_image", "holograms"}));
   ASSERT_TRUE(mapper().Call("reset"));
   EXPECT_EQ(mapper().Map(OfThisRun(mapper().scene)), kViews) << "the mapper must go on after bad input";
 }
@@ -74,7 +74,7 @@ TEST_F(BadInputTest, TimeJumpsBack) {
   for (int run = 0; run < 2; ++run) {  // the same stamps, as a looping bag has them
     EXPECT_EQ(mapper().Map(OfThisRun(mapper().scene)), kViews);
   }
-  EXPECT_TRUE(mapper().WaitForLog({"time jumped back"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"time jumped back"}));
 }
 
 }  // namespace acmp::test::bad_input_rostest

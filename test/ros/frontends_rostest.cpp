@@ -192,15 +192,13 @@ class FrontendPlayer {
 
   /// Waits until somebody has subscribed to everything; false with what is missing after kTimeoutS.
   bool WaitForMapper(std::string* missing) const {
-    return WaitUntil(
-        [&] {
-          missing->clear();
-          for (const ros::Publisher& publisher : connected_) {
-            if (publisher.getNumSubscribers() == 0) *missing += " " + publisher.getTopic();
-          }
-          return missing->empty();
-        },
-        kTimeoutS);
+    return WaitUntil([&] {
+      missing->clear();
+      for (const ros::Publisher& publisher : connected_) {
+        if (publisher.getNumSubscribers() == 0) *missing += " " + publisher.getTopic();
+      }
+      return missing->empty();
+    });
   }
 
   void Play() const {
@@ -400,13 +398,13 @@ class FrontendTest : public ::testing::TestWithParam<const char*> {
     spinner_.start();
     std::string missing;
     ASSERT_TRUE(player_.WaitForMapper(&missing)) << "nobody subscribed to" << missing;
-    ASSERT_TRUE(depth_.WaitForPublisher(kTimeoutS) && pose_.WaitForPublisher(kTimeoutS));
+    ASSERT_TRUE(depth_.WaitForPublisher() && pose_.WaitForPublisher());
     player_.Play();
     // A flush before all have arrived would finish early ones with fewer views.
-    ASSERT_TRUE(pose_.WaitForCount(kKeyframes, kTimeoutS)) << pose_.messages().size() << " keyframes";
+    ASSERT_TRUE(pose_.WaitForCount(kKeyframes)) << pose_.messages().size() << " keyframes";
     std_srvs::Trigger flush;
     ASSERT_TRUE(CallService("/acmp/dense_mapper/flush", &flush) && flush.response.success);
-    ASSERT_TRUE(depth_.WaitForCount(kKeyframes, kTimeoutS)) << depth_.messages().size() << " depth maps";
+    ASSERT_TRUE(depth_.WaitForCount(kKeyframes)) << depth_.messages().size() << " depth maps";
   }
 
   void ExpectPose(const ros::Time& stamp, const geometry_msgs::Pose& pose, const RigidTransform& correction) const {
@@ -422,14 +420,12 @@ class FrontendTest : public ::testing::TestWithParam<const char*> {
     Recorder<nav_msgs::Path> path(nh_, "/acmp/keyframe_path");
     player_.PublishPath(correction);
     const Eigen::Vector3d first = (correction * player_.world_from_cam().front()).translation();
-    ASSERT_TRUE(path.WaitUntil(
-        [&](const std::vector<nav_msgs::PathConstPtr>& paths) {
-          if (paths.empty() || paths.back()->poses.size() != kKeyframes) return false;
-          const geometry_msgs::Point& p = paths.back()->poses.front().pose.position;
-          return (Eigen::Vector3d(p.x, p.y, p.z) - first).norm() < 0.01;
-        },
-        kTimeoutS))
-        << "the keyframes do not follow " << traits_.Text("path");
+    ASSERT_TRUE(path.WaitForNewest([&](const nav_msgs::Path& newest) {
+      if (newest.poses.size() != kKeyframes) return false;
+      const geometry_msgs::Point& p = newest.poses.front().pose.position;
+      return (Eigen::Vector3d(p.x, p.y, p.z) - first).norm() < 0.01;
+    })) << "the keyframes do not follow "
+        << traits_.Text("path");
     for (const auto& pose : path.messages().back()->poses) ExpectPose(pose.header.stamp, pose.pose, correction);
   }
 

@@ -50,21 +50,22 @@ struct Session : MapperControl {
   Recorder<acmp_mapping::KeyframeDepth> keyframe_depth{nh, "keyframe_depth"};
   bool complete = false;
 
-  Session() : MapperControl({{"preset", std::string("balanced")}, {"sparse_wait", 5.0}}, Parameters{}) {
-    complete = WaitUntilReady(kTimeoutS) && WaitForMapServer(kTimeoutS) &&
-               All([](auto* output) { return output->WaitForPublisher(kTimeoutS); });
+  Session() : MapperControl({{"preset", std::string("balanced")}}, Parameters{}) {
+    complete = WaitUntilReady() && WaitForMapServer() && All([](auto* output) { return output->WaitForPublisher(); }) &&
+               path.WaitForPublisher();
     for (const ViewMessages& view : messages) player.Publish(view);
-    complete = complete && depth_fast.WaitForCount(expected.fast_before_flush, kTimeoutS) && Call("flush") &&
-               All([](auto* output) { return output->WaitForCount(kViews, kTimeoutS); });
+    complete = complete && depth_fast.WaitForCount(expected.fast_before_flush) && Call("flush") &&
+               All([](auto* output) { return output->WaitForCount(kViews); }) &&
+               path.WaitForNewest([](const auto& newest) { return newest.poses.size() == kViews; });
   }
 
-  /// Calls function(recorder) for all outputs of a keyframe until it says false.
+  /// Calls function(recorder) for all outputs that have a message of each keyframe until it says false.
   template <class Function>
   bool All(const Function& function) {
     return function(&depth_fast) && function(&depth_fast_info) && function(&depth) && function(&depth_info) &&
            function(&color) && function(&color_info) && function(&confidence) && function(&normal) &&
            function(&depth_picture) && function(&normal_picture) && function(&points) && function(&keyframe_pose) &&
-           function(&path) && function(&keyframe_depth);
+           function(&keyframe_depth);
   }
 };
 
@@ -200,14 +201,13 @@ TEST_F(MappingTest, KeyframeDepthHoldsEverythingAtOnce) {
 }
 
 TEST_F(MappingTest, DiagnosticsAreWell) {
-  session().diagnostics.Clear();
   for (const auto& [key, value] : std::map<std::string, std::string>{{"device", "cpu"},
                                                                      {"keyframes", std::to_string(kViews)},
                                                                      {"refined depth maps", std::to_string(kViews)},
                                                                      {"matched size [px]", "120x90"}}) {
-    EXPECT_TRUE(WaitForValue(&session().diagnostics, "dense_mapper: mapping", key, value)) << key;
+    EXPECT_TRUE(session().WaitForValue("dense_mapper: mapping", key, value)) << key;
   }
-  EXPECT_GT(std::stoi(session().DiagnosticValue("refined again for the map")), 0);
+  EXPECT_GT(std::stoi(session().DiagnosticValue("dense_mapper: mapping", "refined again for the map")), 0);
   EXPECT_EQ(session().points.messages().size(), kViews) << "what is refined again is not published again";
 }
 

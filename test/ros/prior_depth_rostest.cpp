@@ -32,7 +32,7 @@ sensor_msgs::Image DepthOf(const ViewMessages& view, float depth) {
 
 TEST(PriorDepthTest, WhatIsOfNoUseIsNamedAndItsImagesAreMapped) {
   MapperControl mapper(Parameters{});
-  ASSERT_TRUE(mapper.WaitUntilReady(kTimeoutS));
+  ASSERT_TRUE(mapper.WaitUntilReady());
   const std::vector<ViewMessages> views = MakeSmallScene(kViews);
   std::vector<sensor_msgs::Image> depths;
   for (const ViewMessages& view : views) depths.push_back(DepthOf(view, 2));
@@ -43,12 +43,12 @@ TEST(PriorDepthTest, WhatIsOfNoUseIsNamedAndItsImagesAreMapped) {
   ros::Publisher publisher = mapper.nh.advertise<sensor_msgs::Image>("prior_depth", 100);
   ASSERT_TRUE(WaitForSubscriber(publisher));
   for (const sensor_msgs::Image& depth : depths) publisher.publish(depth);
-  ASSERT_TRUE(mapper.WaitForDiagnostic({"/prior_depth", Concat(kViews, " received")}, kTimeoutS));
+  ASSERT_TRUE(mapper.WaitForDiagnostic({"/prior_depth", Concat(kViews, " received")}));
 
   EXPECT_EQ(mapper.Map(views), kViews);
-  EXPECT_TRUE(mapper.WaitForDiagnostic({"dropped: bad_prior_depth", "2 ("}, kTimeoutS)) << "of views 1 and 2";
-  EXPECT_TRUE(mapper.WaitForDiagnostic({"dropped: no_prior_depth", "goes without"}, kTimeoutS)) << "of view 3, or 1";
-  EXPECT_TRUE(mapper.WaitForDiagnostic({"dropped: unused_prior_depth", "it explains"}, kTimeoutS));
+  EXPECT_TRUE(mapper.WaitForDiagnostic({"dropped: bad_prior_depth", "2 ("})) << "of views 1 and 2";
+  EXPECT_TRUE(mapper.WaitForDiagnostic({"dropped: no_prior_depth", "goes without"})) << "of view 3, or 1";
+  EXPECT_TRUE(mapper.WaitForDiagnostic({"dropped: unused_prior_depth", "it explains"}));
 }
 
 }  // namespace acmp::test::prior_depth_rostest
