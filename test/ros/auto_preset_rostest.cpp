@@ -43,11 +43,4 @@ TEST(AutoPreset, ChoosesWhileImagesComeAndLosesNone) {
   EXPECT_EQ(config.geometric_passes, MakePreset(chosen->preset).geometric_passes) << said;
 }
 
-TEST(AutoPreset, IsTheDefaultOfACpuThatHasToKeepUp) {
-  MapperControl mapper({{"preset", std::string()}, {"overload", std::string("drop")}, {"max_source_views", 8}});
-  ASSERT_TRUE(mapper.WaitUntilReady());
-  ASSERT_TRUE(mapper.WaitForDiagnostic({"device = cpu"}));
-  EXPECT_EQ(CurrentConfig().max_source_views, AutoPreset::Settings()[AutoPreset().index()].max_source_views);
-}
-
 }  // namespace acmp::test::auto_preset_rostest

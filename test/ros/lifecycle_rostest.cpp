@@ -57,6 +57,7 @@ class LifecycleTest : public SessionTest<MapperControl> {
  protected:
   void SetUp() override {
     ASSERT_TRUE(ros::service::waitForService("/manager/load_nodelet", ros::Duration(kTimeoutS)));
+    ASSERT_TRUE(mapper().log.WaitForPublisher());
     ros::param::del(kName);
     ros::param::set(std::string(kName) + "/device", "cpu");
     ros::param::set(std::string(kName) + "/preset", "online");
@@ -190,11 +191,13 @@ TEST_F(LifecycleTest, ReportsThatThereIsNoGpu) {
   EXPECT_TRUE(Unload());
 
   ros::param::set(std::string(kName) + "/device", "auto");
+  ros::param::del(std::string(kName) + "/preset");
   mapper().ForgetDiagnostics();
   ASSERT_TRUE(Load());
   EXPECT_TRUE(mapper().WaitForDiagnostic({"why not on a GPU"}));
   EXPECT_TRUE(mapper().WaitForDiagnostic({"mapping on cpu"}));
   EXPECT_TRUE(mapper().WaitForLog({"mapping on cpu", "no GPU"}));
+  EXPECT_TRUE(mapper().WaitForLog({"preset auto, images of at most"})) << "a CPU that has to keep up";
   EXPECT_TRUE(Unload());
 }
 

@@ -20,6 +20,7 @@ until rosparam list >/dev/null 2>&1; do
   kill -0 "$master" 2>/dev/null || { cat "$folder/master.log"; exit 1; }
   sleep 0.2
 done
+rosparam set /acmp/dense_mapper/sparse_wait 10.0  # clouds may come late on a busy machine
 images=6
 "$3" --synthetic "$folder/room.bag" --width 64 --height 48 --keyframes $images --standing --stereo-baseline 0.2
 
