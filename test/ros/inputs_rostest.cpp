@@ -14,7 +14,9 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/input_conversion.h"
+#include "acmp_mapping/ros/output_conversion.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::inputs_rostest {
@@ -165,6 +167,34 @@ TEST_F(InputsTest, CompressedImagesInverseFluPosesAndPointsOfTheCameraThroughThe
   }
   EXPECT_GT(static_cast<double>(near), 0.7 * static_cast<double>(all));
   EXPECT_EQ(mapper.keyframe_pose.messages().front()->header.frame_id, "earth");
+}
+
+/// It sees depth by the other camera's images alone.
+TEST_F(InputsTest, ACameraThatStandsBesideAnotherOneIsMapped) {
+  constexpr double kBaseline_m = 0.2;
+  SyntheticSceneOptions scene;
+  scene.width = 64;
+  scene.height = 48;
+  scene.keyframes = kViews;
+  scene.standing = true;
+  scene.stereo_baseline_m = kBaseline_m;
+  Mapper mapper("/stereo", {{"source_cameras", 1}, {"mask_wait", 10.0}});
+  ros::Publisher image = Advertise<sensor_msgs::Image>(&mapper.nh, "source_image");
+  ros::Publisher info = Advertise<sensor_msgs::CameraInfo>(&mapper.nh, "source_camera_info");
+  ASSERT_TRUE(WaitForSubscriber(image) && WaitForSubscriber(info) && mapper.WaitUntilReady());
+  std::vector<ViewMessages> views;
+  for (const SyntheticView& view : MakeSyntheticScene(scene)) {
+    views.push_back(MakeMessages(view, StampOf(views.size())));
+    sensor_msgs::CameraInfo right = views.back().camera_info;
+    right.P[3] = -kBaseline_m * right.P[0];
+    info.publish(right);
+    image.publish(ToColorMessage(view.right->color, right.header));
+  }
+  for (const char* topic : {"image", "camera_info"}) {
+    ASSERT_TRUE(mapper.WaitForDiagnostic({Concat("/stereo/source_", topic, " = ", kViews, " received")}));
+  }
+  EXPECT_EQ(mapper.Map(views), kViews);
+  EXPECT_TRUE(mapper.WaitForLog({"source camera 1 is at (0.2", "by P of the camera_infos"}));
 }
 
 TEST_F(InputsTest, AnInvertedExtrinsicIsNamed) {

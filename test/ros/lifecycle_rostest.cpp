@@ -111,8 +111,8 @@ TEST_F(LifecycleTest, UnloadEndsAFlushThatWaits) {
   const EndlessPlayer player(mapper().player);
   ASSERT_TRUE(Load());
   ASSERT_TRUE(ros::service::waitForService("/dense_mapper/flush", ros::Duration(kTimeoutS)));
-  // Each takes two seconds, as images go on coming. Whether the last one is done, refused or cut off does not matter,
-  // only that it ends.
+  // Each takes a fifth of a second at least. Whether the last one is done, refused or cut off does not matter, only
+  // that it ends.
   std::atomic<int> flushed{0};
   std::thread flusher([&flushed] {
     std_srvs::Trigger flush;
@@ -145,12 +145,16 @@ TEST_F(LifecycleTest, StandaloneNodeEndsCleanlyOnSignals) {
   }
 }
 
-TEST_F(LifecycleTest, WarnsOfAnUnknownParameterAndRefusesAValueOutOfBounds) {
+TEST_F(LifecycleTest, WarnsOfAnUnknownParameterAndRefusesWhatCannotBe) {
   ros::param::set(std::string(kName) + "/max_imagesize", 320);
   ros::param::set(std::string(kName) + "/window_size", 1);
   EXPECT_FALSE(Load());
   EXPECT_TRUE(mapper().WaitForLog({"~window_size = 1", "[2, 64]"}));
   ros::param::del(std::string(kName) + "/window_size");
+  ros::param::set(std::string(kName) + "/source_cameras", 1);
+  EXPECT_FALSE(LoadNodelet(kName, "DenseMapperNodelet", {{"/source_image", "/image"}}));
+  EXPECT_TRUE(mapper().WaitForLog({"topics image and source_image are both /image: each camera must have its own"}));
+  ros::param::del(std::string(kName) + "/source_cameras");
   EXPECT_TRUE(Load()) << "the manager must survive";
   EXPECT_TRUE(mapper().WaitForLog({"~max_imagesize", "~max_image_size"}));
   EXPECT_TRUE(Unload());
