@@ -25,16 +25,10 @@ std::vector<SyntheticView> MakeViews() {
   return MakeSyntheticScene(scene);
 }
 
-std::vector<ViewMessages> MakeAllMessages(const std::vector<SyntheticView>& views) {
-  std::vector<ViewMessages> messages;
-  for (size_t i = 0; i < views.size(); ++i) messages.push_back(MakeMessages(views[i], StampOf(i)));
-  return messages;
-}
-
 /// One run of the mapper, shared by all cases since it takes seconds.
 struct Session : MapperControl {
   const std::vector<SyntheticView> views = MakeViews();
-  const std::vector<ViewMessages> messages = MakeAllMessages(views);
+  const std::vector<ViewMessages> messages = MakeSmallScene(kViews, 1000, kWidth);
   const PipelineMaps expected = MapWithoutRos(messages, "balanced");
   Recorder<sensor_msgs::Image> depth_fast{nh, "depth_fast/image_rect"};
   Recorder<sensor_msgs::CameraInfo> depth_fast_info{nh, "depth_fast/camera_info"};
@@ -84,22 +78,17 @@ size_t ViewOf(const ros::Time& stamp) {
 }
 
 TEST_F(MappingTest, FastAndRefinedDepthEqualThePipelineBitByBit) {
-  ASSERT_EQ(session().expected.fast.size(), kViews);
-  ASSERT_EQ(session().expected.refined.size(), kViews);
-  ASSERT_EQ(session().depth_fast.messages().size(), kViews);
-  ASSERT_EQ(session().depth.messages().size(), kViews);
-  for (const auto& message : session().depth_fast.messages()) {
-    const auto id = static_cast<int64_t>(ViewOf(message->header.stamp));
-    EXPECT_EQ(CountDifferent(*message, session().expected.fast.at(id)->depth), 0) << "view " << id;
-  }
-  for (const auto& message : session().depth.messages()) {
-    const auto id = static_cast<int64_t>(ViewOf(message->header.stamp));
-    EXPECT_EQ(CountDifferent(*message, session().expected.refined.at(id)->depth), 0) << "view " << id;
-  }
-  for (const auto& message : session().confidence.messages()) {
-    const auto id = static_cast<int64_t>(ViewOf(message->header.stamp));
-    EXPECT_EQ(CountDifferent(*message, session().expected.refined.at(id)->confidence), 0) << "view " << id;
-  }
+  const auto expect_same = [](auto* images, const auto& expected, auto KeyframeDepth::*map) {
+    ASSERT_EQ(expected.size(), kViews);
+    ASSERT_EQ(images->messages().size(), kViews);
+    for (const auto& message : images->messages()) {
+      const auto id = static_cast<int64_t>(ViewOf(message->header.stamp));
+      EXPECT_EQ(CountDifferent(*message, (*expected.at(id)).*map), 0) << "view " << id;
+    }
+  };
+  expect_same(&session().depth_fast, session().expected.fast, &KeyframeDepth::depth);
+  expect_same(&session().depth, session().expected.refined, &KeyframeDepth::depth);
+  expect_same(&session().confidence, session().expected.refined, &KeyframeDepth::confidence);
 }
 
 TEST_F(MappingTest, ImagesAreStampedAndNamedAsTheirSource) {
