@@ -19,9 +19,8 @@ std::optional<bool> SendsHere(const std::string& uri, const std::string& topic) 
   if (!ros::network::splitURI(uri, host, port)) return std::nullopt;
   XmlRpcValue request, answer;
   request[0] = ros::this_node::getName();
-  if (!XmlRpc::XmlRpcClient(host.c_str(), static_cast<int>(port), "/").execute("getBusInfo", request, answer)) {
-    return std::nullopt;
-  }
+  XmlRpc::XmlRpcClient node(host.c_str(), static_cast<int>(port), "/");
+  if (!node.execute("getBusInfo", request, answer) || node.isFault()) return std::nullopt;
   XmlRpcValue& connections = answer[2];  // id, node, direction, transport, topic, ...
   for (int i = 0; i < connections.size(); ++i) {
     XmlRpcValue& one = connections[i];

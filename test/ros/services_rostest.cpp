@@ -148,7 +148,6 @@ TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormatsAndFindsRelativeOnes) {
     EXPECT_FALSE(response.success) << path;
     return response.message;
   };
-  EXPECT_THAT(refusal(PathOf("missing/map.ply"), SaveMap::Request::PLY), HasSubstr("missing"));
   EXPECT_THAT(refusal(PathOf("map.pcd"), SaveMap::Request::PLY), HasSubstr("must end in .ply"));
   EXPECT_THAT(refusal(PathOf("map.ot"), SaveMap::Request::OCTOMAP), HasSubstr("must end in .bt"));
   EXPECT_THAT(refusal(PathOf("map.xyz"), 7), HasSubstr("7"));
