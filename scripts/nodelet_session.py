@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import rosbag
 import rosgraph
 import roslib.packages
 
@@ -65,9 +66,21 @@ def sample(pid):
     return resident / 1024, len(os.listdir(f"/proc/{pid}/fd")), threads
 
 
+def play_command(bag, *options, rate=20):
+    return ["rosbag", "play", "--quiet", "--wait-for-subscribers", "-r", str(rate), *options, bag, "--topics",
+            *TOPICS.values()]
+
+
 def play(bag, rate=20):
-    subprocess.run(["rosbag", "play", "--quiet", "--wait-for-subscribers", "-r", str(rate), bag, "--topics",
-                    *TOPICS.values()], check=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, timeout=600)
+    subprocess.run(play_command(bag, rate=rate), check=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                   timeout=600)
+
+
+def images_received():
+    """By the mapper, as its newest diagnostics say."""
+    told = subprocess.run(["rostopic", "echo", "-n", "3", "/diagnostics"], stdout=subprocess.PIPE, text=True,
+                          check=True).stdout
+    return max(map(int, re.findall(r'key: "images"\s+value: "(\d+) received', told)), default=-1)
 
 
 class Session:
@@ -76,7 +89,8 @@ class Session:
     def __init__(self, folder, map_parameters=(), mapper_parameters=(), global_parameters=()):
         self.folder, self.manager, self.master = Path(folder), None, start_master()
         try:
-            parameters = {"/dense_mapper": {"device": "cpu", "overload": "block", "preset": "online", **dict(mapper_parameters)},
+            parameters = {"/dense_mapper": {"device": "cpu", "overload": "block", "preset": "online", "sparse_wait": 10.0,
+                                            **dict(mapper_parameters)},
                           "/map_server": {"save_folder": str(folder), **dict(map_parameters)}, "": dict(global_parameters)}
             for node, values in parameters.items():
                 for name, value in values.items():
@@ -99,7 +113,15 @@ class Session:
 
     def map_bag(self, bag):
         """Plays the bag and returns the points of the map afterwards."""
-        play(bag)
+        with rosbag.Bag(bag) as recorded:
+            wanted = images_received() + recorded.get_message_count(TOPICS["image"])
+        # A player that ends at once takes with it what has not been sent by then, on a busy machine.
+        player = subprocess.Popen(play_command(bag, "--keep-alive"), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        try:
+            wait_for(lambda: images_received() >= wanted, "all images")
+        finally:
+            player.terminate()
+            player.wait(60)
         path = self.folder / "map.ply"
         wait_for(lambda: "success: True" in call("/dense_mapper/flush") and save_map(path)[0] > 0, "a map")
         return save_map(path)[0]

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import rosbag
-import rosgraph
 import rospy
 from acmp_mapping.srv import SaveMap, SaveMapRequest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -56,15 +55,8 @@ class Saver:
         self.last = time.monotonic()
 
     def note(self, message):
-        self.status.update({value.key: value.value for part in message.status if part.name.endswith("mapping")
+        self.status.update({value.key: value.value for part in message.status if part.name.endswith(("mapping", "matching"))
                             for value in part.values})
-
-
-def is_playing():
-    try:
-        return bool(rosgraph.Master("/save_demo_output").lookupNode("/player"))
-    except rosgraph.MasterException:
-        return False
 
 
 def call(name, kind, *arguments):
@@ -78,8 +70,7 @@ def call(name, kind, *arguments):
 def save_all(bag, folder, timeout_s):
     rospy.init_node("save_demo_output", argv=[], disable_rostime=True)  # the player's clock stops at the end of the bag
     saver = Saver(bag, folder)
-    wait_for(is_playing, "the player", timeout_s)
-    wait_for(lambda: not is_playing(), "the player's end", timeout_s)
+    wait_for(lambda: saver.status.get("images", "").startswith(f"{len(saver.numbers)} received"), "all images", timeout_s)
     call("dense_mapper/flush", Trigger)
     wait_for(lambda: time.monotonic() > saver.last + 1.5, "the last messages")  # diagnostics come once a second
     saved = call("map_server/save_map", SaveMap, f"{folder}/map.ply", SaveMapRequest.PLY, True)
@@ -115,8 +106,10 @@ def main():
         with open(folder / "roslaunch.log", "a") as log:  # nodes of Debian 13 open it anew: each line goes to its end
             processes.append(subprocess.Popen(
                 ["roslaunch", "acmp_mapping", "demo.launch", f"bag:={bag}", f"save_folder:={folder}", *options.arguments,
-                 f"play_args:=--wait-for-subscribers --quiet --topics {topics}"], stdin=subprocess.DEVNULL, stdout=log,
-                stderr=subprocess.STDOUT, env={**os.environ, "PYTHONUNBUFFERED": "1"}))  # in the order of what happened
+                 # Alive, as a player that ends at once takes with it what has not been sent by then.
+                 f"play_args:=--wait-for-subscribers --keep-alive --quiet --topics {topics}"], stdin=subprocess.DEVNULL,
+                stdout=log, stderr=subprocess.STDOUT,
+                env={**os.environ, "PYTHONUNBUFFERED": "1"}))  # in the order of what happened
         save_all(bag, folder, options.timeout)
         signal.alarm(0)
         if shows and sys.stdin.isatty():

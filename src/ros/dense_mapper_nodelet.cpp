@@ -30,8 +30,10 @@ namespace {
 
 constexpr double kDeliverPeriodS = 0.05;  ///< how late a wait for a cloud may end
 constexpr double kMissingPeriodS = 10;    ///< between two words in the log about missing inputs
-constexpr double kOnTheWayS = 0.2;        ///< a flush waits for images until none has come for so long ...
-constexpr double kLongOnTheWayS = 2;      ///< ... or for so long, while a camera goes on
+/// A flush waits for images until at so many looks in a row, so far apart, no more have come ...
+constexpr int kOnTheWayLooks = 4;  ///< several: a process that stood still for a while has not read what has come
+constexpr double kOnTheWayS = 0.05;
+constexpr double kLongOnTheWayS = 2;  ///< ... or for so long, while a camera goes on
 
 constexpr char kPosesDoNotFit[] = "poses do not fit the images";
 
@@ -313,12 +315,12 @@ class DenseMapperNodelet : public NodeletBase {
   /// Waits for messages that are on their way or in the queues of subscribers: until no image has come for a moment.
   void WaitForArriving() {
     const double end_s = SteadySeconds() + kLongOnTheWayS;
-    uint64_t received = 0;
-    do {
-      received = ImagesReceived(InputStatuses());
+    for (int looks = 0; looks < kOnTheWayLooks && SteadySeconds() < end_s;) {
+      const uint64_t received = ImagesReceived(InputStatuses());
       ros::WallDuration(kOnTheWayS).sleep();
       if (!input_thread_.Drain()) throw ProcessingError("the mapper is shutting down");
-    } while (ImagesReceived(InputStatuses()) != received && SteadySeconds() < end_s);
+      looks = ImagesReceived(InputStatuses()) == received ? looks + 1 : 0;
+    }
   }
 
   std::string Reset() {

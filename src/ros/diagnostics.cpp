@@ -117,7 +117,7 @@ void DescribeInputs(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* sta
   status->summary(DiagnosticStatus::OK, "all inputs arrive");
   for (const InputStatus& input : snapshot.inputs) {
     const std::string silence = DescribeSilence(input, snapshot.now_s);
-    status->add(input.topic, silence.empty() ? Concat(input.received, " received") : silence);
+    status->add(input.topic, Concat(input.received, " received", silence.empty() ? "" : ": ", silence));
     if (!silence.empty() && (input.is_wanted() || !input.advice.empty()))
       status->mergeSummary(DiagnosticStatus::WARN, silence);
   }

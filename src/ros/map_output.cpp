@@ -76,8 +76,9 @@ void MapOutput::PublishOf(uint64_t emptied, const ros::Publisher& publisher, con
 
 size_t MapOutput::Publish() {
   const uint64_t emptied = emptied_;
-  points_pace_.Begin(map_->version());
+  const uint64_t version = map_->version();
   std_msgs::Header header = Header();
+  points_pace_.Begin(header.frame_id.empty() ? 0 : version);  // what is in the map gets its header in a moment
   if (header.frame_id.empty()) return 0;
   const MapCloud map = map_->WorldCloud();
   CheckCloudSize(map.points.size(), kMaxMessageBytes);
@@ -107,8 +108,9 @@ void MapOutput::EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header*
 
 void MapOutput::PublishOccupancy() {
   const uint64_t emptied = emptied_;
+  const uint64_t version = map_->version();
   const std_msgs::Header header = Header();
-  occupancy_pace_.Begin(map_->version());
+  occupancy_pace_.Begin(header.frame_id.empty() ? 0 : version);
   const PlacedKeyframes map = map_->Placed();
   if (header.frame_id.empty() || map.keyframes.empty() || map.voxel_size == 0) return;
   std::string coarse;

@@ -12,6 +12,7 @@
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/ros/input_conversion.h"
+#include "acmp_mapping/ros/output_conversion.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {
@@ -90,6 +91,23 @@ TEST_F(RecordSyntheticTest, HoldsWhatASimulatedFrontendPublishes) {
   EXPECT_EQ(paths[0]->header.stamp, poses[7]->header.stamp);
   EXPECT_EQ(paths[0]->poses[0].header.stamp, poses[3]->header.stamp);
   EXPECT_EQ(paths[0]->poses[3].pose.position.x, slam.corrected[6].translation().x());
+}
+
+TEST_F(RecordSyntheticTest, TheSecondCameraIsThatOfARectifiedPair) {
+  SyntheticSceneOptions scene;
+  scene.width = 48;
+  scene.height = 36;
+  scene.keyframes = 2;
+  scene.stereo_baseline_m = 0.2;
+  const std::vector<SyntheticView> views = MakeSyntheticScene(scene);
+  RecordSynthetic(views, {}, folder() / "a.bag");
+  const auto images = ReadAll<sensor_msgs::Image>(folder() / "a.bag", kRightImageTopic);
+  const auto infos = ReadAll<sensor_msgs::CameraInfo>(folder() / "a.bag", kRightCameraInfoTopic);
+  ASSERT_EQ(images.size(), 2u);
+  ASSERT_EQ(infos.size(), 2u);
+  EXPECT_EQ(images[1]->header.stamp, infos[1]->header.stamp);
+  EXPECT_EQ(images[1]->data, ToColorMessage(views[1].right->color, {})->data);
+  EXPECT_NEAR(infos[1]->P[3], -0.2 * infos[1]->P[0], 1e-9);  // inverted and multiplied in double
 }
 
 TEST_F(RecordSceneTest, RecordsPosesAsWorldFromCamera) {

@@ -1,12 +1,15 @@
 // Each kind of bad input must be named to the user, in the log and with a count in the diagnostics, and must not keep
 // the mapper from working on what follows.
 
+#include <cmath>
 #include <functional>
 #include <limits>
 
 #include <gtest/gtest.h>
 
+#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/input_conversion.h"
+#include "acmp_mapping/ros/output_conversion.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::bad_input_rostest {
@@ -17,7 +20,7 @@ class BadInputSession : public MapperControl {
  public:
   BadInputSession() : MapperControl(Parameters{}) {}
   const std::vector<ViewMessages> scene = MakeSmallScene(kViews);
-  const bool ready = WaitUntilReady(kTimeoutS);
+  const bool ready = WaitUntilReady();
 };
 
 using BadInputTest = RunsTest<BadInputSession>;
@@ -63,9 +66,9 @@ TEST_F(BadInputTest, IsNamedWithItsReasonAndTheMapperGoesOn) {
     }
     std::vector<std::string> parts = bad.parts;
     parts.push_back("dropped: " + bad.reason);
-    EXPECT_TRUE(mapper().WaitForDiagnostic(parts, kTimeoutS)) << bad.reason << ": " << bad.parts[0];
+    EXPECT_TRUE(mapper().WaitForDiagnostic(parts)) << bad.reason << ": " << bad.parts[0];
   }
-  EXPECT_TRUE(mapper().WaitForLog({"bad_image", "holograms"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"bad_image", "holograms"}));
   ASSERT_TRUE(mapper().Call("reset"));
   EXPECT_EQ(mapper().Map(OfThisRun(mapper().scene)), kViews) << "the mapper must go on after bad input";
 }
@@ -74,7 +77,28 @@ TEST_F(BadInputTest, TimeJumpsBack) {
   for (int run = 0; run < 2; ++run) {  // the same stamps, as a looping bag has them
     EXPECT_EQ(mapper().Map(OfThisRun(mapper().scene)), kViews);
   }
-  EXPECT_TRUE(mapper().WaitForLog({"time jumped back"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"time jumped back"}));
+}
+
+// The last one: images go on to wait for prior depth once some has come.
+TEST_F(BadInputTest, PriorDepthThatIsOfNoUseIsNamedAndItsImagesAreMapped) {
+  const std::vector<ViewMessages> views = OfThisRun(mapper().scene);
+  std::vector<sensor_msgs::Image> depths;
+  for (const ViewMessages& view : views) {  // one depth everywhere, at half of the images' size
+    const float depth = depths.size() == 2 ? NAN : 2;
+    depths.push_back(*ToFloatMessage(DepthMap(32, 24, depth), view.image.header));
+  }
+  depths[1].encoding = "mono8";
+  depths[3].header.stamp += ros::Duration(0.01);
+  ros::Publisher publisher = mapper().nh.advertise<sensor_msgs::Image>("prior_depth", 100);
+  ASSERT_TRUE(WaitForSubscriber(publisher));
+  for (const sensor_msgs::Image& depth : depths) publisher.publish(depth);
+  ASSERT_TRUE(mapper().WaitForDiagnostic({"/prior_depth", Concat(kViews, " received")}));
+
+  EXPECT_EQ(mapper().Map(views), kViews);
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: bad_prior_depth", "2 ("})) << "of views 1 and 2";
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_prior_depth", "goes without"})) << "of view 3, or 1";
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: unused_prior_depth", "it explains"}));
 }
 
 }  // namespace acmp::test::bad_input_rostest

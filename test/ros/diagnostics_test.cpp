@@ -91,7 +91,7 @@ TEST(MapperDiagnostics, SayWhatIsWrong) {
       {&DescribeInputs, SetInput(1, {Kind::kCameraInfo, "/info", 0, 0, 60}), kWarn,
        "nothing yet on /info for 40 s (nobody publishes it: check the remap)"},
       {&DescribeInputs, SetInput(2, {Kind::kPose, "/slam/pose", 1, 500, 88}), kWarn,
-       "nothing on /slam/pose for 12 s (1 publisher(s))"},
+       "nothing on /slam/pose for 12 s (1 publisher(s))", "/slam/pose", "500 received: nothing on /slam/pose for 12 s"},
       {&DescribeInputs, SetInput(3, {Kind::kCloud, "/points", 0, 0, 60, false}), kOk, "all inputs arrive", "/points",
        "nobody publishes"},  // not needed when the depth range is given
       {&DescribeInputs, [](auto* s) { s->paused = true; }, kWarn, "paused"},

@@ -14,7 +14,9 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/input_conversion.h"
+#include "acmp_mapping/ros/output_conversion.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::inputs_rostest {
@@ -28,14 +30,14 @@ ros::Publisher Advertise(ros::NodeHandle* nh, const std::string& topic) {
 
 /// A mapper in a namespace.
 struct Mapper : MapperControl {
-  explicit Mapper(const std::string& of_ns, Parameters parameters = {})
-      : MapperControl((parameters.insert({"sparse_wait", 5.0}), parameters), std::nullopt, of_ns) {}
+  explicit Mapper(const std::string& of_ns, const Parameters& parameters = {})
+      : MapperControl(parameters, std::nullopt, of_ns) {}
 
   /// All depth images of the scene, or fewer.
   std::vector<sensor_msgs::ImageConstPtr> Finish() {
-    keyframe_pose.WaitForCount(kViews, kTimeoutS);
+    keyframe_pose.WaitForCount(kViews);
     EXPECT_TRUE(Call("flush"));
-    depth.WaitForCount(kViews, kTimeoutS);
+    depth.WaitForCount(kViews);
     return depth.messages();
   }
 };
@@ -47,7 +49,7 @@ struct PlainInputs {
 
   PlainInputs() {
     Mapper mapper("/plain");
-    EXPECT_TRUE(mapper.WaitUntilReady(kTimeoutS));
+    EXPECT_TRUE(mapper.WaitUntilReady());
     for (const ViewMessages& view : scene) mapper.player.Publish(view);
     expected = mapper.Finish();
   }
@@ -71,7 +73,7 @@ class InputsTest : public SessionTest<PlainInputs> {
 TEST_F(InputsTest, KeyframesInOneMessage) {
   Mapper mapper("/keyframes", {{"keyframe_mode", std::string("external")}});
   ros::Publisher publisher = Advertise<acmp_mapping::Keyframe>(&mapper.nh, "keyframe");
-  ASSERT_TRUE(WaitForSubscriber(publisher) && mapper.WaitForOutputs(kTimeoutS));
+  ASSERT_TRUE(WaitForSubscriber(publisher) && mapper.WaitForOutputs());
   for (const ViewMessages& view : Scene()) {
     acmp_mapping::Keyframe keyframe;
     keyframe.header = view.pose.header;
@@ -90,7 +92,7 @@ TEST_F(InputsTest, PoseWithCovarianceOldCloudsAndACalibrationFile) {
   ros::Publisher pose = Advertise<geometry_msgs::PoseWithCovarianceStamped>(&mapper.nh, "pose_cov");
   ros::Publisher cloud = Advertise<sensor_msgs::PointCloud>(&mapper.nh, "sparse_points_v1");
   ASSERT_TRUE(WaitForSubscriber(mapper.player.image) && WaitForSubscriber(pose) && WaitForSubscriber(cloud));
-  ASSERT_TRUE(mapper.WaitForOutputs(kTimeoutS));
+  ASSERT_TRUE(mapper.WaitForOutputs());
   for (const ViewMessages& view : Scene()) {
     sensor_msgs::PointCloud old_cloud;
     ASSERT_TRUE(sensor_msgs::convertPointCloud2ToPointCloud(view.sparse_points, old_cloud));
@@ -107,14 +109,14 @@ TEST_F(InputsTest, PoseWithCovarianceOldCloudsAndACalibrationFile) {
 TEST_F(InputsTest, ImagesWaitForTheExtrinsicAndAreMappedWhenItComes) {
   Mapper mapper("/body", {{"pose_child", std::string("body")}});
   ros::Publisher extrinsic = Advertise<nav_msgs::Odometry>(&mapper.nh, "extrinsic");
-  ASSERT_TRUE(mapper.WaitUntilReady(kTimeoutS) && WaitForSubscriber(extrinsic));
+  ASSERT_TRUE(mapper.WaitUntilReady() && WaitForSubscriber(extrinsic));
   for (const ViewMessages& view : Scene()) mapper.player.Publish(view);
-  EXPECT_TRUE(mapper.WaitForDiagnostic({"images wait: T_body_cam is not known"}, kTimeoutS));
+  EXPECT_TRUE(mapper.WaitForDiagnostic({"images wait: T_body_cam is not known"}));
   nav_msgs::Odometry identity;  // the body is the camera: the numbers stay the same
   identity.pose.pose.orientation.w = 1;
   extrinsic.publish(identity);
   ExpectTheSameDepth(&mapper);
-  EXPECT_TRUE(mapper.WaitForLog({"T_body_cam is taken from topic extrinsic"}, kTimeoutS)) << "the choice is logged";
+  EXPECT_TRUE(mapper.WaitForLog({"T_body_cam is taken from topic extrinsic"})) << "the choice is logged";
 }
 
 // Rounded points give another depth range, which matching begins with: not the same bits, but the same depth.
@@ -128,7 +130,7 @@ TEST_F(InputsTest, CompressedImagesInverseFluPosesAndPointsOfTheCameraThroughThe
   const ScenePlayer& player = mapper.player;
   ros::Publisher image = Advertise<sensor_msgs::CompressedImage>(&mapper.nh, "image/compressed");
   ASSERT_TRUE(WaitForSubscriber(image) && WaitForSubscriber(player.pose) && WaitForSubscriber(player.sparse_points) &&
-              WaitForSubscriber(player.camera_info) && mapper.WaitForOutputs(kTimeoutS));
+              WaitForSubscriber(player.camera_info) && mapper.WaitForOutputs());
   RigidTransform flu_from_optical = RigidTransform::Identity();
   flu_from_optical.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   for (const ViewMessages& view : Scene()) {
@@ -167,6 +169,34 @@ TEST_F(InputsTest, CompressedImagesInverseFluPosesAndPointsOfTheCameraThroughThe
   EXPECT_EQ(mapper.keyframe_pose.messages().front()->header.frame_id, "earth");
 }
 
+/// It sees depth by the other camera's images alone.
+TEST_F(InputsTest, ACameraThatStandsBesideAnotherOneIsMapped) {
+  constexpr double kBaseline_m = 0.2;
+  SyntheticSceneOptions scene;
+  scene.width = 64;
+  scene.height = 48;
+  scene.keyframes = kViews;
+  scene.standing = true;
+  scene.stereo_baseline_m = kBaseline_m;
+  Mapper mapper("/stereo", {{"source_cameras", 1}, {"mask_wait", 10.0}});
+  ros::Publisher image = Advertise<sensor_msgs::Image>(&mapper.nh, "source_image");
+  ros::Publisher info = Advertise<sensor_msgs::CameraInfo>(&mapper.nh, "source_camera_info");
+  ASSERT_TRUE(WaitForSubscriber(image) && WaitForSubscriber(info) && mapper.WaitUntilReady());
+  std::vector<ViewMessages> views;
+  for (const SyntheticView& view : MakeSyntheticScene(scene)) {
+    views.push_back(MakeMessages(view, StampOf(views.size())));
+    sensor_msgs::CameraInfo right = views.back().camera_info;
+    right.P[3] = -kBaseline_m * right.P[0];
+    info.publish(right);
+    image.publish(ToColorMessage(view.right->color, right.header));
+  }
+  for (const char* topic : {"image", "camera_info"}) {
+    ASSERT_TRUE(mapper.WaitForDiagnostic({Concat("/stereo/source_", topic, " = ", kViews, " received")}));
+  }
+  EXPECT_EQ(mapper.Map(views), kViews);
+  EXPECT_TRUE(mapper.WaitForLog({"source camera 1 is at (0.2", "by P of the camera_infos"}));
+}
+
 TEST_F(InputsTest, AnInvertedExtrinsicIsNamed) {
   RigidTransform body_from_cam = RigidTransform::Identity();
   body_from_cam.linear() = Eigen::AngleAxisd(1.2, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
@@ -176,13 +206,13 @@ TEST_F(InputsTest, AnInvertedExtrinsicIsNamed) {
   constexpr int kWidth = 240;  // px: enough for matches between images
   Mapper mapper("/inverted",
                 {{"pose_child", std::string("body")}, {"T_body_cam", inverse}, {"max_image_size", kWidth}});
-  ASSERT_TRUE(mapper.WaitUntilReady(kTimeoutS));
-  for (ViewMessages& view : MakeSmallScene(8, 1000, kWidth)) {
+  ASSERT_TRUE(mapper.WaitUntilReady());
+  std::vector<ViewMessages> views = MakeSmallScene(8, 1000, kWidth);
+  for (ViewMessages& view : views) {
     view.pose.pose = tf2::toMsg(ToTransform(view.pose.pose) * body_from_cam.inverse());
-    mapper.player.Publish(view);
   }
-  ASSERT_TRUE(mapper.Call("flush"));
-  EXPECT_TRUE(mapper.WaitForLog({"pose_reading", "what fits is the inverse of T_body_cam"}, kTimeoutS));
+  ASSERT_TRUE(mapper.SendAndFlush(views));
+  EXPECT_TRUE(mapper.WaitForLog({"pose_reading", "what fits is the inverse of T_body_cam"}));
 }
 
 }  // namespace acmp::test::inputs_rostest

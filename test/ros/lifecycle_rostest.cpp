@@ -57,11 +57,12 @@ class LifecycleTest : public SessionTest<MapperControl> {
  protected:
   void SetUp() override {
     ASSERT_TRUE(ros::service::waitForService("/manager/load_nodelet", ros::Duration(kTimeoutS)));
+    ASSERT_TRUE(mapper().log.WaitForPublisher());
     ros::param::del(kName);
     ros::param::set(std::string(kName) + "/device", "cpu");
     ros::param::set(std::string(kName) + "/preset", "online");
     mapper().log.Clear();
-    mapper().diagnostics.Clear();
+    mapper().ForgetDiagnostics();
   }
   static void TearDownTestSuite() {
     ros::param::del(kName);
@@ -78,7 +79,7 @@ TEST_F(LifecycleTest, LoadsUnloadsAndReloadsWhileDataFlows) {
     mapper().depth.Clear();
     // Every second time it is unloaded before it has made anything.
     if (cycle % 2 == 0) {
-      EXPECT_TRUE(mapper().depth.WaitForCount(2, kTimeoutS)) << "no depth in cycle " << cycle;
+      EXPECT_TRUE(mapper().depth.WaitForCount(2)) << "no depth in cycle " << cycle;
     }
     ASSERT_TRUE(Unload()) << cycle;
     EXPECT_THAT(LoadedNames(), ::testing::IsEmpty());
@@ -92,7 +93,7 @@ TEST_F(LifecycleTest, TheMapComesAndGoesWhileKeyframesAreMapped) {
     ASSERT_TRUE(LoadMap()) << cycle;
     // Every second time it is unloaded while it is asked for the map.
     Recorder<nav_msgs::Path> path(mapper().nh, "keyframe_path");
-    EXPECT_TRUE(path.WaitForCount(2, kTimeoutS)) << "no keyframes in cycle " << cycle;
+    EXPECT_TRUE(path.WaitForCount(2)) << "no keyframes in cycle " << cycle;
     std::thread asking([cycle] {
       std_srvs::Trigger publish;
       if (cycle % 2 == 0) CallService("/map_server/publish_map", &publish);
@@ -102,7 +103,7 @@ TEST_F(LifecycleTest, TheMapComesAndGoesWhileKeyframesAreMapped) {
     EXPECT_THAT(LoadedNames(), ::testing::ElementsAre(kName));
   }
   mapper().depth.Clear();
-  EXPECT_TRUE(mapper().depth.WaitForCount(1, kTimeoutS)) << "the mapper needs no map";
+  EXPECT_TRUE(mapper().depth.WaitForCount(1)) << "the mapper needs no map";
   EXPECT_TRUE(Unload());
 }
 
@@ -110,14 +111,14 @@ TEST_F(LifecycleTest, UnloadEndsAFlushThatWaits) {
   const EndlessPlayer player(mapper().player);
   ASSERT_TRUE(Load());
   ASSERT_TRUE(ros::service::waitForService("/dense_mapper/flush", ros::Duration(kTimeoutS)));
-  std::thread flusher([] {
-    // Whether it is done, refused or cut off does not matter, only that it ends.
-    for (int i = 0; i < 5; ++i) {
-      std_srvs::Trigger flush;
-      CallService("/dense_mapper/flush", &flush);
-    }
+  // Each takes a fifth of a second at least. Whether the last one is done, refused or cut off does not matter, only
+  // that it ends.
+  std::atomic<int> flushed{0};
+  std::thread flusher([&flushed] {
+    std_srvs::Trigger flush;
+    while (CallService("/dense_mapper/flush", &flush)) ++flushed;
   });
-  ros::WallDuration(0.5).sleep();
+  EXPECT_TRUE(WaitUntil([&flushed] { return flushed > 0; })) << "the next one is under way";
   EXPECT_TRUE(Unload());
   flusher.join();
   EXPECT_THAT(LoadedNames(), ::testing::IsEmpty());
@@ -126,14 +127,16 @@ TEST_F(LifecycleTest, UnloadEndsAFlushThatWaits) {
 TEST_F(LifecycleTest, StandaloneNodeEndsCleanlyOnSignals) {
   const EndlessPlayer player(mapper().player);
   for (const int signal : {SIGTERM, SIGINT}) {
-    mapper().depth.Clear();
+    const std::string topic = Concat("/keyframe_pose_", signal);  // what comes there is of this one
+    Recorder<geometry_msgs::PoseStamped> poses(mapper().nh, topic);
     const pid_t child = ::fork();
     ASSERT_GE(child, 0);
     if (child == 0) {
-      ::execl(ACMP_NODE_PATH, ACMP_NODE_PATH, "__name:=dense_mapper", static_cast<char*>(nullptr));
+      const std::string remap = "keyframe_pose:=" + topic;
+      ::execl(ACMP_NODE_PATH, ACMP_NODE_PATH, "__name:=dense_mapper", remap.c_str(), static_cast<char*>(nullptr));
       ::_exit(127);
     }
-    EXPECT_TRUE(mapper().depth.WaitForCount(2, kTimeoutS));
+    EXPECT_TRUE(poses.WaitForCount(1));
     ::kill(child, signal);
     int status = -1;
     ASSERT_EQ(::waitpid(child, &status, 0), child);
@@ -142,14 +145,18 @@ TEST_F(LifecycleTest, StandaloneNodeEndsCleanlyOnSignals) {
   }
 }
 
-TEST_F(LifecycleTest, WarnsOfAnUnknownParameterAndRefusesAValueOutOfBounds) {
+TEST_F(LifecycleTest, WarnsOfAnUnknownParameterAndRefusesWhatCannotBe) {
   ros::param::set(std::string(kName) + "/max_imagesize", 320);
   ros::param::set(std::string(kName) + "/window_size", 1);
   EXPECT_FALSE(Load());
-  EXPECT_TRUE(mapper().WaitForLog({"~window_size = 1", "[2, 64]"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"~window_size = 1", "[2, 64]"}));
   ros::param::del(std::string(kName) + "/window_size");
+  ros::param::set(std::string(kName) + "/source_cameras", 1);
+  EXPECT_FALSE(LoadNodelet(kName, "DenseMapperNodelet", {{"/source_image", "/image"}}));
+  EXPECT_TRUE(mapper().WaitForLog({"topics image and source_image are both /image: each camera must have its own"}));
+  ros::param::del(std::string(kName) + "/source_cameras");
   EXPECT_TRUE(Load()) << "the manager must survive";
-  EXPECT_TRUE(mapper().WaitForLog({"~max_imagesize", "~max_image_size"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"~max_imagesize", "~max_image_size"}));
   EXPECT_TRUE(Unload());
 }
 
@@ -164,8 +171,7 @@ TEST_F(LifecycleTest, OutlivesTransformsThatTfComputesWithAndThrows) {
   message.transforms[0].transform.rotation.w = 1;
   const ros::Publisher tf = mapper().nh.advertise<tf2_msgs::TFMessage>("/tf", 1, true);
   tf.publish(message);
-  EXPECT_TRUE(
-      mapper().WaitForDiagnostic({"dropped: bad_tf", "stamp [s] = 4294967295: must be in [0, 4294967264]"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: bad_tf", "stamp [s] = 4294967295: must be in [0, 4294967264]"}));
   EXPECT_TRUE(Unload());
 }
 
@@ -177,21 +183,25 @@ TEST_F(LifecycleTest, ReportsThatThereIsNoGpu) {
   }
   ros::param::set(std::string(kName) + "/device", "cuda");
   ASSERT_TRUE(Load());
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"no device to match on", "device = cuda"}, kTimeoutS));
-  EXPECT_TRUE(mapper().WaitForLog({"no device to match on", "device = cuda"}, kTimeoutS));
-  for (const ViewMessages& view : MakeSmallScene(2)) mapper().player.Publish(view);
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_device"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"no device to match on", "device = cuda"}));
+  EXPECT_TRUE(mapper().WaitForLog({"no device to match on", "device = cuda"}));
+  {
+    const EndlessPlayer player(mapper().player);
+    EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_device"}));
+  }
   std::string message;
   EXPECT_FALSE(mapper().Call("flush", &message));
   EXPECT_THAT(message, ::testing::HasSubstr("cuda"));
   EXPECT_TRUE(Unload());
 
-  mapper().diagnostics.Clear();
   ros::param::set(std::string(kName) + "/device", "auto");
+  ros::param::del(std::string(kName) + "/preset");
+  mapper().ForgetDiagnostics();
   ASSERT_TRUE(Load());
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"why not on a GPU"}, kTimeoutS));
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"mapping on cpu"}, kTimeoutS));
-  EXPECT_TRUE(mapper().WaitForLog({"mapping on cpu", "no GPU"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"why not on a GPU"}));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"mapping on cpu"}));
+  EXPECT_TRUE(mapper().WaitForLog({"mapping on cpu", "no GPU"}));
+  EXPECT_TRUE(mapper().WaitForLog({"preset auto, images of at most"})) << "a CPU that has to keep up";
   EXPECT_TRUE(Unload());
 }
 

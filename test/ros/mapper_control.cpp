@@ -23,8 +23,10 @@ bool ContainsAll(const std::string& text, const std::vector<std::string>& parts)
 
 /// Whether function(status, key, value) holds for one of them; the message of a status has the key "".
 template <class Function>
-bool AnyOf(const std::vector<diagnostic_msgs::DiagnosticArrayConstPtr>& arrays, const Function& function) {
+bool AnyOf(const std::vector<diagnostic_msgs::DiagnosticArrayConstPtr>& arrays, const ros::Time& since,
+           const Function& function) {
   for (const auto& array : arrays) {
+    if (array->header.stamp < since) continue;
     for (const auto& status : array->status) {
       if (function(status.name, std::string(), status.message)) return true;
       for (const auto& value : status.values) {
@@ -82,8 +84,10 @@ LoadedNodelets::LoadedNodelets(const Parameters& mapper, const std::optional<Par
 
 void LoadedNodelets::LoadMapper(const std::string& name, Parameters parameters,
                                 const std::map<std::string, std::string>& remap) {
-  parameters.insert(
-      {{"device", std::string("cpu")}, {"overload", std::string("block")}, {"preset", std::string("online")}});
+  parameters.insert({{"device", std::string("cpu")},
+                     {"overload", std::string("block")},
+                     {"preset", std::string("online")},
+                     {"sparse_wait", 10.0}});
   Load(name, "DenseMapperNodelet", parameters, remap);
 }
 
@@ -102,18 +106,7 @@ LoadedNodelets::~LoadedNodelets() {
 }
 
 bool WaitForSubscriber(const ros::Publisher& publisher, uint32_t count) {
-  return WaitUntil([&] { return publisher.getNumSubscribers() >= count; }, kTimeoutS);
-}
-
-bool WaitForValue(Recorder<diagnostic_msgs::DiagnosticArray>* diagnostics, const std::string& status,
-                  const std::string& key, const std::string& start) {
-  return diagnostics->WaitUntil(
-      [&](const auto& arrays) {
-        return AnyOf(arrays, [&](const auto& name, const auto& found, const auto& value) {
-          return name == status && found == key && value.rfind(start, 0) == 0;
-        });
-      },
-      kTimeoutS);
+  return WaitUntil([&] { return publisher.getNumSubscribers() >= count; });
 }
 
 MapperControl::MapperControl(const std::string& ns) : ns(ns) { spinner.start(); }
@@ -124,17 +117,15 @@ MapperControl::MapperControl(const Parameters& mapper, const std::optional<Param
   nodelets_.emplace(mapper, map_server, ns);
 }
 
-bool MapperControl::WaitForOutputs(double timeout_s) {
-  return depth.WaitForPublisher(timeout_s) && keyframe_pose.WaitForPublisher(timeout_s) &&
-         log.WaitForPublisher(timeout_s) && diagnostics.WaitForCount(1, timeout_s) &&
-         ros::service::waitForService(ns + "/dense_mapper/flush", ros::Duration(timeout_s));
+bool MapperControl::WaitForOutputs() {
+  return depth.WaitForPublisher() && keyframe_pose.WaitForPublisher() && log.WaitForPublisher() &&
+         diagnostics_.WaitForPublisher() &&
+         ros::service::waitForService(ns + "/dense_mapper/flush", ros::Duration(kTimeoutS));
 }
 
-bool MapperControl::WaitUntilReady(double timeout_s) {
-  return player.WaitForMapper(timeout_s) && WaitForOutputs(timeout_s);
-}
+bool MapperControl::WaitUntilReady() { return player.WaitForMapper() && WaitForOutputs(); }
 
-size_t MapperControl::Map(const std::vector<ViewMessages>& messages) {
+size_t MapperControl::Map(const std::vector<ViewMessages>& messages, std::optional<size_t> expected) {
   depth.Clear();
   keyframe_pose.Clear();
   std::set<ros::Time> sent;
@@ -142,34 +133,48 @@ size_t MapperControl::Map(const std::vector<ViewMessages>& messages) {
     sent.insert(view.image.header.stamp);
     player.Publish(view);
   }
-  const auto all_seen = [&sent](const auto& received) {
+  const auto all_seen = [&](const auto& received) {
     std::set<ros::Time> seen;
     for (const auto& message : received) {
       if (sent.count(message->header.stamp) > 0) seen.insert(message->header.stamp);
     }
-    return seen.size() == sent.size();
+    return seen.size() == expected.value_or(sent.size());
   };
   // A flush before all have arrived would finish early ones with fewer views.
-  if (!keyframe_pose.WaitUntil(all_seen, kTimeoutS) || !Call("flush")) return 0;
-  depth.WaitUntil(all_seen, kTimeoutS);
+  if (!keyframe_pose.WaitUntil(all_seen) || !Call("flush")) return 0;
+  depth.WaitUntil(all_seen);
   size_t mapped = 0;
   for (const auto& message : depth.messages()) mapped += sent.count(message->header.stamp);
   return mapped;
 }
 
-bool MapperControl::WaitForMapServer(double timeout_s) {
+bool MapperControl::SendAndFlush(const std::vector<ViewMessages>& messages) {
+  for (const ViewMessages& view : messages) player.Publish(view);
+  sent_ += messages.size();
+  const std::string status = (ns.empty() ? "" : ns.substr(1) + "/") + "dense_mapper: inputs";
+  for (const char* topic : {"/image", "/camera_info", "/pose", "/sparse_points"}) {
+    if (!WaitForValue(status, ns + topic, Concat(sent_, " received"))) return false;
+  }
+  return Call("flush");
+}
+
+bool MapperControl::WaitForMapServer() {
   // Both ends must know of the connection.
-  return ros::service::waitForService("/map_server/save_map", ros::Duration(timeout_s)) &&
-         WaitForDiagnostic({"maps that get its points = 1"}, timeout_s) &&
-         WaitForDiagnostic({"publishers of /keyframe_points = 1"}, timeout_s);
+  return ros::service::waitForService("/map_server/save_map", ros::Duration(kTimeoutS)) &&
+         WaitForDiagnostic({"maps that get its points = 1"}) &&
+         WaitForDiagnostic({"publishers of /keyframe_points = 1"});
 }
 
 bool MapperControl::Call(const std::string& service, std::string* message) {
-  return CallTrigger(ns + "/dense_mapper/" + service, message);
+  const bool done = CallTrigger(ns + "/dense_mapper/" + service, message);
+  ForgetDiagnostics();
+  return done;
 }
 
 bool MapperControl::CallMap(const std::string& service, std::string* message) {
-  return CallTrigger(ns + "/map_server/" + service, message);
+  const bool done = CallTrigger(ns + "/map_server/" + service, message);
+  ForgetDiagnostics();
+  return done;
 }
 
 acmp_mapping::SaveMap::Response MapperControl::SaveMap(const std::string& path, uint8_t format, bool binary) {
@@ -181,28 +186,33 @@ acmp_mapping::SaveMap::Response MapperControl::SaveMap(const std::string& path, 
   return save.response;
 }
 
-bool MapperControl::WaitForLog(const std::vector<std::string>& parts, double timeout_s) {
-  return log.WaitUntil(
-      [&](const std::vector<rosgraph_msgs::LogConstPtr>& lines) {
-        return std::any_of(lines.begin(), lines.end(), [&](const auto& line) { return ContainsAll(line->msg, parts); });
-      },
-      timeout_s);
+bool MapperControl::WaitForLog(const std::vector<std::string>& parts) {
+  return log.WaitUntil([&](const std::vector<rosgraph_msgs::LogConstPtr>& lines) {
+    return std::any_of(lines.begin(), lines.end(), [&](const auto& line) { return ContainsAll(line->msg, parts); });
+  });
 }
 
-bool MapperControl::WaitForDiagnostic(const std::vector<std::string>& parts, double timeout_s) {
-  return diagnostics.WaitUntil(
-      [&](const auto& arrays) {
-        return AnyOf(arrays, [&](const auto& /*status*/, const auto& key, const auto& value) {
-          return ContainsAll(key + " = " + value, parts);
-        });
-      },
-      timeout_s);
+bool MapperControl::WaitForDiagnostic(const std::vector<std::string>& parts) {
+  return diagnostics_.WaitUntil([&](const auto& arrays) {
+    return AnyOf(arrays, told_since_, [&](const auto& /*status*/, const auto& key, const auto& value) {
+      return ContainsAll(key + " = " + value, parts);
+    });
+  });
 }
 
-std::string MapperControl::DiagnosticValue(const std::string& key) {
+bool MapperControl::WaitForValue(const std::string& status, const std::string& key, const std::string& start) {
+  return diagnostics_.WaitUntil([&](const auto& arrays) {
+    return AnyOf(arrays, told_since_, [&](const auto& name, const auto& found, const auto& value) {
+      return name == status && found == key && value.rfind(start, 0) == 0;
+    });
+  });
+}
+
+std::string MapperControl::DiagnosticValue(const std::string& status, const std::string& key) {
+  EXPECT_TRUE(WaitForValue(status, "", "")) << status;
   std::string newest;
-  AnyOf(diagnostics.messages(), [&](const auto& /*status*/, const auto& found, const auto& value) {
-    if (found == key) newest = value;
+  AnyOf(diagnostics_.messages(), told_since_, [&](const auto& name, const auto& found, const auto& value) {
+    if (name == status && found == key) newest = value;
     return false;
   });
   return newest;

@@ -44,7 +44,8 @@ class LoadedNodelets {
   LoadedNodelets(const LoadedNodelets&) = delete;
   LoadedNodelets& operator=(const LoadedNodelets&) = delete;
 
-  /// @param parameters over what suits tests: on the CPU, quick, and nothing is dropped
+  /// @param parameters over what suits tests: on the CPU, quick, and nothing is dropped or done without, however busy
+  /// the machine is
   void LoadMapper(const std::string& name, Parameters parameters, const std::map<std::string, std::string>& remap = {});
 
  private:
@@ -55,10 +56,6 @@ class LoadedNodelets {
 
 /// Waits until so many subscribe to a topic; false after kTimeoutS.
 bool WaitForSubscriber(const ros::Publisher& publisher, uint32_t count = 1);
-
-/// Waits until a status ("a/node: task") has a value that begins so; false after kTimeoutS.
-bool WaitForValue(Recorder<diagnostic_msgs::DiagnosticArray>* diagnostics, const std::string& status,
-                  const std::string& key, const std::string& start);
 
 /// Cases that share one session, which is made before the first of them and gone after the last.
 template <class Session>
@@ -81,16 +78,20 @@ class MapperControl {
   explicit MapperControl(const Parameters& mapper, const std::optional<Parameters>& map_server = std::nullopt,
                          const std::string& ns = "");
 
-  /// Everything connected; false after `timeout_s`.
-  bool WaitUntilReady(double timeout_s);
+  /// Everything connected; false after kTimeoutS, as all that follow.
+  bool WaitUntilReady();
   /// The same, but for what the player sends.
-  bool WaitForOutputs(double timeout_s);
+  bool WaitForOutputs();
 
-  /// The map server is there and gets what the mapper finishes from now on; false after `timeout_s`.
-  bool WaitForMapServer(double timeout_s);
+  /// The map server is there and gets what the mapper finishes from now on.
+  bool WaitForMapServer();
 
   /// Publishes all views and flushes when all are in the mapper; the number of views that got a refined depth image.
-  size_t Map(const std::vector<ViewMessages>& messages);
+  /// @param expected views that do; by default all
+  size_t Map(const std::vector<ViewMessages>& messages, std::optional<size_t> expected = std::nullopt);
+  /// The same of views of which it is not known what becomes: flushes when all that was ever sent, in this way, has
+  /// arrived. False when that fails.
+  bool SendAndFlush(const std::vector<ViewMessages>& messages);
 
   /// Calls a Trigger service of the mapper; false when there is no answer or the service refuses.
   bool Call(const std::string& service, std::string* message = nullptr);
@@ -99,13 +100,17 @@ class MapperControl {
   acmp_mapping::SaveMap::Response SaveMap(const std::string& path, uint8_t format, bool binary);
 
   /// Waits for a line of the log that contains all the parts.
-  bool WaitForLog(const std::vector<std::string>& parts, double timeout_s);
+  bool WaitForLog(const std::vector<std::string>& parts);
+
+  /// Diagnostics of before tell nothing from now on. What calls a service, or maps, does this itself at its end.
+  void ForgetDiagnostics() { told_since_ = ros::Time::now(); }
 
   /// Waits for a diagnostic value or message that contains all the parts.
-  bool WaitForDiagnostic(const std::vector<std::string>& parts, double timeout_s);
-
-  /// Latest value of a key, "" when there is none.
-  std::string DiagnosticValue(const std::string& key);
+  bool WaitForDiagnostic(const std::vector<std::string>& parts);
+  /// Waits until a status ("a/node: task") has a value that begins so.
+  bool WaitForValue(const std::string& status, const std::string& key, const std::string& start);
+  /// Waits for a status; its newest value of a key, "" when there is none.
+  std::string DiagnosticValue(const std::string& status, const std::string& key);
 
   const std::string ns;
   ros::NodeHandle nh{ns};
@@ -114,9 +119,11 @@ class MapperControl {
   Recorder<sensor_msgs::Image> depth{nh, "depth/image_rect"};
   Recorder<geometry_msgs::PoseStamped> keyframe_pose{nh, "keyframe_pose"};
   Recorder<rosgraph_msgs::Log> log{nh, "/rosout"};
-  Recorder<diagnostic_msgs::DiagnosticArray> diagnostics{nh, "/diagnostics"};
 
  private:
+  Recorder<diagnostic_msgs::DiagnosticArray> diagnostics_{nh, "/diagnostics"};
+  ros::Time told_since_;  ///< stamp of the first diagnostics that count
+  size_t sent_ = 0;       ///< images, by SendAndFlush
   std::optional<LoadedNodelets> nodelets_;
 };
 
@@ -143,7 +150,7 @@ class RunsTest : public SessionTest<Session> {
 /// Mapper and map, which saves below the folder for temporary files and is not published by itself.
 struct SavingSession : MapperControl {
   SavingSession();
-  const bool ready = WaitUntilReady(kTimeoutS) && WaitForMapServer(kTimeoutS);
+  const bool ready = WaitUntilReady() && WaitForMapServer();
 };
 
 /// Each case begins with nothing in mapper and map, and an empty folder.

@@ -94,6 +94,7 @@ class NetworksTest(unittest.TestCase):
         subscribers = [rospy.Subscriber(topic, Image, messages.append) for topic, messages in self.received.items()]
         for subscriber in subscribers:
             self.addCleanup(subscriber.unregister)
+        wait_for(lambda: subscribers[0].get_num_connections() > 0, "the mapper's depth")
 
     def start(self, **descriptions):
         """The nodes that the launch line starts."""

@@ -14,13 +14,17 @@ namespace acmp::test {
 /// is longer.
 constexpr double kTimeoutS = 400;
 
-/// Asks again and again until `holds()`; false after `timeout_s`.
+/// Asks again and again until `holds()`; false after kTimeoutS.
 template <class Condition>
-bool WaitUntil(const Condition& holds, double timeout_s) {
-  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(timeout_s);
+bool WaitUntil(const Condition& holds) {
+  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
   while (!holds() && ros::ok() && ros::WallTime::now() < end) ros::WallDuration(0.02).sleep();
   return holds();
 }
+
+/// Whether a topic has publishers, and all of them send to this program. A subscriber counts a publisher
+/// as soon as it has called it: what is published before that has read the call is lost. So they are asked themselves.
+bool IsSentByAll(const std::string& topic);
 
 /// As ros::service::call, over a connection that is kept until the answer has been read. roscpp ends others when it has
 /// sent the answer; a caller that has just sent its request and does not read yet, since the machine is busy, then
@@ -49,20 +53,26 @@ class Recorder {
   }
   ~Recorder() { subscriber_.shutdown(); }
 
-  /// True as soon as `holds(messages)`; false after `timeout_s`.
+  /// True as soon as `holds(messages)`; false after kTimeoutS, as all that follow.
   template <class Condition>
-  bool WaitUntil(const Condition& holds, double timeout_s) {
+  bool WaitUntil(const Condition& holds) {
     std::unique_lock<std::mutex> lock(mutex_);
-    return arrived_.wait_for(lock, std::chrono::duration<double>(timeout_s), [&] { return holds(messages_); });
+    return arrived_.wait_for(lock, std::chrono::duration<double>(kTimeoutS), [&] { return holds(messages_); });
   }
 
-  bool WaitForCount(size_t count, double timeout_s) {
-    return WaitUntil([count](const std::vector<ConstPtr>& messages) { return messages.size() >= count; }, timeout_s);
+  bool WaitForCount(size_t count) {
+    return WaitUntil([count](const std::vector<ConstPtr>& messages) { return messages.size() >= count; });
   }
 
-  /// Until `count` publishers are connected; false after `timeout_s`.
-  bool WaitForPublisher(double timeout_s, uint32_t count = 1) const {
-    return test::WaitUntil([&] { return subscriber_.getNumPublishers() >= count; }, timeout_s);
+  /// Waits for a newest message for which `holds(message)`.
+  template <class Condition>
+  bool WaitForNewest(const Condition& holds) {
+    return WaitUntil([&](const auto& messages) { return !messages.empty() && holds(*messages.back()); });
+  }
+
+  /// Until at least one publisher is there, and all of them send to this program.
+  bool WaitForPublisher() const {
+    return test::WaitUntil([&] { return IsSentByAll(subscriber_.getTopic()); });
   }
 
   std::vector<ConstPtr> messages() {

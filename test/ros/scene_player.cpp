@@ -97,13 +97,11 @@ int CountDifferent(const sensor_msgs::Image& message, const Image<float>& map) {
   return different;
 }
 
-bool ScenePlayer::WaitForMapper(double timeout_s) const {
-  return WaitUntil(
-      [this] {
-        return image.getNumSubscribers() > 0 && camera_info.getNumSubscribers() > 0 && pose.getNumSubscribers() > 0 &&
-               sparse_points.getNumSubscribers() > 0;
-      },
-      timeout_s);
+bool ScenePlayer::WaitForMapper() const {
+  return WaitUntil([this] {
+    return image.getNumSubscribers() > 0 && camera_info.getNumSubscribers() > 0 && pose.getNumSubscribers() > 0 &&
+           sparse_points.getNumSubscribers() > 0;
+  });
 }
 
 void ScenePlayer::Publish(const ViewMessages& messages) const {

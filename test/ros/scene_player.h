@@ -61,8 +61,8 @@ class ScenePlayer {
         pose(nh.advertise<geometry_msgs::PoseStamped>("pose", 100)),
         sparse_points(nh.advertise<sensor_msgs::PointCloud2>("sparse_points", 100)) {}
 
-  /// Blocks until the mapper has subscribed to everything; false after `timeout_s`.
-  bool WaitForMapper(double timeout_s) const;
+  /// Blocks until the mapper has subscribed to everything; false after kTimeoutS.
+  bool WaitForMapper() const;
 
   void Publish(const ViewMessages& messages) const;
 

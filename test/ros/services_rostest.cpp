@@ -98,7 +98,7 @@ TEST_F(ServicesTest, SaveMapWritesEveryFormatOfWhatIsThere) {
 TEST_F(ServicesTest, SaveMapSaysWhatIsNotInTheMapYet) {
   mapper().depth.Clear();
   for (const ViewMessages& view : Scene()) mapper().player.Publish(view);
-  ASSERT_TRUE(mapper().depth.WaitForCount(kViews - 2, kTimeoutS)) << "all but the lookahead";
+  ASSERT_TRUE(mapper().depth.WaitForCount(kViews - 2)) << "all but the lookahead";
   EXPECT_THAT(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).message,
               AllOf(HasSubstr("images were still under way in /dense_mapper"), HasSubstr("flush")));
   std::string flushed;
@@ -127,15 +127,15 @@ TEST_F(ServicesTest, WhoSubscribesLateGetsTheNewestImages) {
   for (const char* topic : {"rgb/image_rect_color", "depth/image_raw", "depth/image_vis", "normal/image",
                             "normal/image_vis", "confidence/image", "confidence/image_vis"}) {
     Recorder<sensor_msgs::Image> late(mapper().nh, topic);
-    ASSERT_TRUE(late.WaitForCount(1, kTimeoutS)) << topic;
+    ASSERT_TRUE(late.WaitForCount(1)) << topic;
     EXPECT_EQ(late.messages()[0]->header.stamp, newest) << topic;
     Recorder<sensor_msgs::Image> later(mapper().nh, topic);  // in one process: the publisher does not hear of it
-    ASSERT_TRUE(later.WaitForCount(1, kTimeoutS)) << topic;
+    ASSERT_TRUE(later.WaitForCount(1)) << topic;
     EXPECT_EQ(later.messages()[0]->header.stamp, newest) << topic;
   }
   for (const char* topic : {"rgb/camera_info", "depth/camera_info"}) {
     Recorder<sensor_msgs::CameraInfo> late(mapper().nh, topic);
-    ASSERT_TRUE(late.WaitForCount(1, kTimeoutS)) << topic;
+    ASSERT_TRUE(late.WaitForCount(1)) << topic;
     EXPECT_EQ(late.messages()[0]->header.stamp, newest) << topic;
   }
 }
@@ -148,7 +148,6 @@ TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormatsAndFindsRelativeOnes) {
     EXPECT_FALSE(response.success) << path;
     return response.message;
   };
-  EXPECT_THAT(refusal(PathOf("missing/map.ply"), SaveMap::Request::PLY), HasSubstr("missing"));
   EXPECT_THAT(refusal(PathOf("map.pcd"), SaveMap::Request::PLY), HasSubstr("must end in .ply"));
   EXPECT_THAT(refusal(PathOf("map.ot"), SaveMap::Request::OCTOMAP), HasSubstr("must end in .bt"));
   EXPECT_THAT(refusal(PathOf("map.xyz"), 7), HasSubstr("7"));
@@ -184,7 +183,7 @@ TEST_F(ServicesTest, TheMapTakesKeyframesOfAHundredMappersAndResetForgetsThem) {
     message->count = 1;
     publisher.publish(message);
   }
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"incident: bad_keyframe", "from 100 other mappers already"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"incident: bad_keyframe", "from 100 other mappers already"}));
   ASSERT_TRUE(mapper().CallMap("reset"));
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   EXPECT_EQ(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).keyframes, kViews);
@@ -192,13 +191,12 @@ TEST_F(ServicesTest, TheMapTakesKeyframesOfAHundredMappersAndResetForgetsThem) {
 
 TEST_F(ServicesTest, PublishMapPublishesOnRequest) {
   Recorder<sensor_msgs::PointCloud2> map(mapper().nh, "map_points");
-  ASSERT_TRUE(map.WaitForPublisher(kTimeoutS));
+  ASSERT_TRUE(map.WaitForPublisher());
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   std::string message;
   ASSERT_TRUE(mapper().CallMap("publish_map", &message));
   const auto stamp = Scene().back().image.header.stamp;
-  const auto has_come = [&](const auto& maps) { return !maps.empty() && maps.back()->header.stamp == stamp; };
-  ASSERT_TRUE(map.WaitUntil(has_come, kTimeoutS));
+  ASSERT_TRUE(map.WaitForNewest([&](const auto& newest) { return newest.header.stamp == stamp; }));
   EXPECT_THAT(message, HasSubstr(std::to_string(map.messages().back()->width)));
   const auto of_this_case = [&](const auto& m) { return m->header.stamp >= Scene().front().image.header.stamp; };
   const auto maps = map.messages();
@@ -210,8 +208,8 @@ TEST_F(ServicesTest, PauseDropsImagesAndSaysSo) {
   pause.request.data = true;
   ASSERT_TRUE(CallService("/dense_mapper/pause", &pause));
   for (const ViewMessages& view : Scene()) mapper().player.Publish(view);
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: paused"}, kTimeoutS));
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"paused (~pause)"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: paused"}));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"paused (~pause)"}));
   pause.request.data = false;
   ASSERT_TRUE(CallService("/dense_mapper/pause", &pause));
   EXPECT_EQ(mapper().Map(MakeSmallScene(kViews, 900000)), kViews);
@@ -236,7 +234,7 @@ TEST_F(ServicesTest, ReconfigureChangesTheNextKeyframesOrNothing) {
   });
   EXPECT_EQ(refused.max_source_views, before.max_source_views);
   EXPECT_EQ(refused.min_confidence, 0.9) << "all or nothing";
-  EXPECT_TRUE(mapper().WaitForLog({"max_source_views = 2000", "[1, 32]"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"max_source_views = 2000", "[1, 32]"}));
   EXPECT_EQ(points_with(before.min_confidence), all) << "the same input and options";
 }
 

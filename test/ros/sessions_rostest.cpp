@@ -98,7 +98,7 @@ TEST_F(SessionsTest, ImagesAreKeptForAColmapModel) {
     EXPECT_EQ(image.camera.width, 48);
     EXPECT_GT(image.landmark_indices.size(), 100u);
   }
-  EXPECT_TRUE(mapper().WaitForDiagnostic({Concat(kViews, ", 0 MB")}, kTimeoutS)) << "images kept";
+  EXPECT_TRUE(mapper().WaitForDiagnostic({Concat(kViews, ", 0 MB")})) << "images kept";
 
   // Also of a session.
   ASSERT_TRUE(Save("session.bag").success);
@@ -125,7 +125,7 @@ TEST_F(SessionsTest, AKeyframeWhoseImageCannotBeKeptIsInTheMapWithoutIt) {
   FillImage("no image", message.get());
   publisher.publish(message);
   EXPECT_TRUE(mapper().WaitForDiagnostic(
-      {"keyframe 1 of \"/other\" is in the map without its image: image of 8 bytes is no JPEG file"}, kTimeoutS));
+      {"keyframe 1 of \"/other\" is in the map without its image: image of 8 bytes is no JPEG file"}));
   EXPECT_EQ(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).keyframes, 1u);
   EXPECT_THAT(mapper().SaveMap(PathOf("map.colmap"), SaveMap::Request::COLMAP, true).message,
               AllOf(HasSubstr("1 keyframes and no image of them"), HasSubstr("~keep_images")));
@@ -144,9 +144,7 @@ TEST_F(SessionsTest, ASecondOneIsAddedByATransform) {
   transform.rotation.z = 1;
   const LoadSession::Response loaded = Load("session.bag", transform);
   ASSERT_TRUE(loaded.success) << loaded.message;
-  ASSERT_TRUE(paths.WaitUntil(
-      [](const auto& messages) { return !messages.empty() && messages.back()->poses.size() == 2 * kViews; },
-      kTimeoutS));
+  ASSERT_TRUE(paths.WaitForNewest([](const auto& path) { return path.poses.size() == 2 * kViews; }));
   const auto& poses = paths.messages().back()->poses;  // the earlier run first
   for (size_t i = 0; i < kViews; ++i) {
     EXPECT_NEAR(poses[i].pose.position.x, -poses[kViews + i].pose.position.x, 1e-9);
@@ -190,7 +188,7 @@ TEST_F(SessionsTest, AMapBeginsWithTheSessionOfItsParameter) {
   ASSERT_TRUE(Save("session.bag").success);
   const std::string before = MapBytes();
   EXPECT_FALSE(LoadSecondServer(PathOf("none.bag")));
-  EXPECT_TRUE(mapper().WaitForLog({"cannot start", "none.bag", "no such file"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"cannot start", "none.bag", "no such file"}));
   ASSERT_TRUE(LoadSecondServer(PathOf("session.bag")));
   EXPECT_EQ(MapBytes("second"), before);
   EXPECT_TRUE(UnloadNodelet("/second"));

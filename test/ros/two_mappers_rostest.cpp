@@ -57,10 +57,9 @@ PointCloud MapOf(const Messages& messages, const std::set<std::string>& mappers)
 
 /// One run, shared by all cases.
 struct Session {
-  MapperControl left{{{"sparse_wait", 10.0}},
-                     Parameters{{"voxel_size", kVoxelSize},
-                                {"map_publish_rate", 0.0},
-                                {"save_folder", std::filesystem::temp_directory_path().string()}}};
+  MapperControl left{Parameters{}, Parameters{{"voxel_size", kVoxelSize},
+                                              {"map_publish_rate", 0.0},
+                                              {"save_folder", std::filesystem::temp_directory_path().string()}}};
   LoadedNodelets others;
   const std::vector<ViewMessages> left_views = ViewsOf(0), right_views = ViewsOf(1);
   ScenePlayer right{ros::NodeHandle("/right")};
@@ -71,14 +70,14 @@ struct Session {
   std::string failure = Run();
 
   std::string Run() {
-    others.LoadMapper(kRight, {{"sparse_wait", 10.0}}, {{"/right/keyframe_points", "/keyframe_points"}});
-    if (!left.WaitUntilReady(kTimeoutS) || !right.WaitForMapper(kTimeoutS) || !right_pose.WaitForPublisher(kTimeoutS) ||
-        !points.WaitForPublisher(kTimeoutS) || !map.WaitForPublisher(kTimeoutS) || !path.WaitForPublisher(kTimeoutS)) {
+    others.LoadMapper(kRight, {}, {{"/right/keyframe_points", "/keyframe_points"}});
+    if (!left.WaitUntilReady() || !right.WaitForMapper() || !right_pose.WaitForPublisher() ||
+        !points.WaitForPublisher() || !map.WaitForPublisher() || !path.WaitForPublisher()) {
       return "not all are there";
     }
     // The map and this program listen to both mappers.
-    if (!WaitForValue(&left.diagnostics, "dense_mapper: mapping", "maps that get its points", "2") ||
-        !WaitForValue(&left.diagnostics, "right/dense_mapper: mapping", "maps that get its points", "2")) {
+    if (!left.WaitForValue("dense_mapper: mapping", "maps that get its points", "2") ||
+        !left.WaitForValue("right/dense_mapper: mapping", "maps that get its points", "2")) {
       return "the map server does not hear both mappers";
     }
     for (size_t i = 0; i < kViews; ++i) {
@@ -86,23 +85,19 @@ struct Session {
       right.Publish(right_views[i]);
     }
     // A view is in its mapper when its pose is there.
-    if (!left.keyframe_pose.WaitForCount(kViews, kTimeoutS) || !right_pose.WaitForCount(kViews, kTimeoutS)) {
+    if (!left.keyframe_pose.WaitForCount(kViews) || !right_pose.WaitForCount(kViews)) {
       return "fast maps are missing";
     }
-    std_srvs::Trigger flush;
-    if (!left.Call("flush") || !CallService("/right/dense_mapper/flush", &flush) || !left.CallMap("publish_map") ||
-        !map.WaitForCount(1, kTimeoutS)) {
-      return "no map";
-    }
-    left.diagnostics.Clear();
     for (const char* mapper : {kLeft, kRight}) {
-      if (!left.WaitForDiagnostic({Concat(mapper, " = ")}, kTimeoutS)) return Concat("no diagnostics of ", mapper);
-      const long sent = std::stol(left.DiagnosticValue(mapper));
-      if (!points.WaitUntil([&](const Messages& m) { return CountOf(m, mapper) >= sent; }, kTimeoutS)) {
-        return Concat("messages of ", mapper, " are missing");
-      }
+      std_srvs::Trigger flush;
+      if (!CallService(Concat(mapper, "/flush"), &flush) || !flush.response.success) return flush.response.message;
+      const auto all_sent = [&](const Messages& m) {
+        return flush.response.message.find(Concat("points were sent ", CountOf(m, mapper), " times")) !=
+               std::string::npos;
+      };
+      if (!points.WaitUntil(all_sent)) return Concat("messages of ", mapper, " are missing");
     }
-    return "";
+    return left.CallMap("publish_map") && map.WaitForCount(1) ? "" : "no map";
   }
 };
 
@@ -128,8 +123,7 @@ TEST_F(TwoMappersTest, A_TheMapIsTheUnionOfTheirOwnMaps) {
 }
 
 TEST_F(TwoMappersTest, B_EveryKeyframeIsInThePathAndInTheFile) {
-  EXPECT_TRUE(session().path.WaitUntil(
-      [](const auto& paths) { return !paths.empty() && paths.back()->poses.size() == 2 * kViews; }, kTimeoutS));
+  EXPECT_TRUE(session().path.WaitForNewest([](const auto& path) { return path.poses.size() == 2 * kViews; }));
   const auto saved = session().left.SaveMap("acmp_two_mappers_rostest.ply", acmp_mapping::SaveMap::Request::PLY, true);
   std::filesystem::remove(std::filesystem::temp_directory_path() / "acmp_two_mappers_rostest.ply");
   EXPECT_EQ(saved.keyframes, 2 * kViews);
@@ -148,14 +142,14 @@ TEST_F(TwoMappersTest, C_OnePathMovesTheKeyframesOfBoth) {
   ASSERT_TRUE(WaitForSubscriber(publisher));
   const auto before = session().path.messages().back();
   publisher.publish(optimized);
-  const auto all_moved = [&](const std::vector<nav_msgs::PathConstPtr>& paths) {
+  const auto all_moved = [&](const nav_msgs::Path& path) {
     for (size_t i = 0; i < before->poses.size(); ++i) {
-      const double step = paths.back()->poses[i].pose.position.x - before->poses[i].pose.position.x;
+      const double step = path.poses[i].pose.position.x - before->poses[i].pose.position.x;
       if (std::abs(step - 3) > 1e-6) return false;
     }
     return true;
   };
-  EXPECT_TRUE(session().path.WaitUntil(all_moved, kTimeoutS));
+  EXPECT_TRUE(session().path.WaitForNewest(all_moved));
 }
 
 // The last one, since it leaves incidents in the diagnostics and an empty map.
@@ -173,13 +167,11 @@ TEST_F(TwoMappersTest, D_TheMapServerRefusesWhatCannotBeAndSaysSo) {
   after_a_gap.count += 3;
   for (const auto& message : {first, no_pose, other_world, after_a_gap}) publisher.publish(message);
   for (const char* reason : {"keyframe_twice", "bad_keyframe", "other_world_frame", "keyframes_lost"}) {
-    EXPECT_TRUE(session().left.WaitForDiagnostic({Concat("incident: ", reason)}, kTimeoutS)) << reason;
+    EXPECT_TRUE(session().left.WaitForDiagnostic({Concat("incident: ", reason)})) << reason;
   }
-  EXPECT_TRUE(
-      WaitForValue(&session().left.diagnostics, "map_server: map", "keyframes", std::to_string(2 * kViews + 2)));
+  EXPECT_TRUE(session().left.WaitForValue("map_server: map", "keyframes", std::to_string(2 * kViews + 2)));
   EXPECT_TRUE(session().left.CallMap("reset"));
-  session().left.diagnostics.Clear();
-  EXPECT_TRUE(WaitForValue(&session().left.diagnostics, "map_server: map", "keyframes", "0"));
+  EXPECT_TRUE(session().left.WaitForValue("map_server: map", "keyframes", "0"));
 }
 
 }  // namespace acmp::test::two_mappers_rostest

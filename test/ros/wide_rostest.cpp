@@ -53,7 +53,7 @@ class WideSession : public MapperControl {
   Recorder<sensor_msgs::PointCloud2> points{nh, "points"};
   tf2_ros::Buffer tf;
   tf2_ros::TransformListener tf_listener{tf};
-  const bool ready = WaitUntilReady(kTimeoutS);
+  const bool ready = WaitUntilReady() && points.WaitForPublisher();
 };
 
 using WideTest = SessionTest<WideSession>;
@@ -64,14 +64,14 @@ TEST_F(WideTest, EachFaceIsAKeyframeOfItsOwn) {
   std::vector<ViewMessages> messages;
   for (size_t i = 0; i < kViews; ++i) messages.push_back(MakeWideMessages(mapper.views[i], StampOf(i)));
   ASSERT_EQ(mapper.Map(messages), kViews);
-  EXPECT_TRUE(mapper.WaitForDiagnostic({Concat(kViews, " received = ", kViews, " refined")}, kTimeoutS));
+  EXPECT_TRUE(mapper.WaitForDiagnostic({Concat(kViews, " received = ", kViews, " refined")}));
   EXPECT_EQ(mapper.depth.messages().size(), kViews) << "the face ahead alone";
   EXPECT_EQ(mapper.keyframe_pose.messages().size(), kViews);
   EXPECT_TRUE(mapper.back.messages().empty());
 
   // The first keyframe's face had no topic yet to which one could connect.
-  ASSERT_TRUE(mapper.left.WaitForCount(1, kTimeoutS));
-  ASSERT_TRUE(mapper.left_info.WaitForCount(1, kTimeoutS));
+  ASSERT_TRUE(mapper.left.WaitForCount(1));
+  ASSERT_TRUE(mapper.left_info.WaitForCount(1));
   const sensor_msgs::Image left = *mapper.left.messages().back();
   EXPECT_EQ(left.header.frame_id, Concat(kCameraFrame, "_left"));
   const PinholeCamera face = ToCalibration(*mapper.left_info.messages().back(), true).camera;
@@ -94,6 +94,8 @@ TEST_F(WideTest, EachFaceIsAKeyframeOfItsOwn) {
   EXPECT_GT(outside, 0);
 
   // Points of all faces, in the camera's frame, lie on the room's surfaces.
+  constexpr int kFaces = 5;
+  ASSERT_TRUE(mapper.points.WaitForCount(kViews * kFaces));
   std::map<ros::Time, int> clouds;
   PointCloud in_world;
   std::array<int, 3> aside = {0, 0, 0};  // to the left, to the right, above
@@ -115,7 +117,7 @@ TEST_F(WideTest, EachFaceIsAKeyframeOfItsOwn) {
     }
   }
   ASSERT_EQ(clouds.size(), kViews);
-  for (const auto& [stamp, count] : clouds) EXPECT_EQ(count, 5) << stamp;
+  for (const auto& [stamp, count] : clouds) EXPECT_EQ(count, kFaces) << stamp;
   for (const int count : aside) EXPECT_GT(count, 20);
   // 29 px per rad: half a pixel of disparity at 2 m and a baseline of 0.6 m is 12 cm.
   const PointCloud truth = SampleSyntheticSurface(mapper.views, 0.03f);
@@ -127,7 +129,7 @@ TEST_F(WideTest, ACameraThatCannotBeIsRefused) {
   ViewMessages messages = MakeWideMessages(mapper.views.front(), StampOf(0, 2000));
   messages.camera_info.D = {-0.2, 0, 0, 0};  // up to 74 degrees
   mapper.player.Publish(messages);
-  EXPECT_TRUE(mapper.WaitForLog({"rays go outwards in the image up to 74.", "95 degrees (field_of_view)"}, kTimeoutS));
+  EXPECT_TRUE(mapper.WaitForLog({"rays go outwards in the image up to 74.", "95 degrees (field_of_view)"}));
 }
 
 }  // namespace acmp::test::wide_rostest

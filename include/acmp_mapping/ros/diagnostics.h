@@ -41,9 +41,9 @@ class Diagnostics {
 
  private:
   void Publish() {
-    const Snapshot snapshot = take_snapshot_();
     diagnostic_msgs::DiagnosticArray message;
-    message.header.stamp = ros::Time::now();
+    message.header.stamp = ros::Time::now();  // first: what happened before the stamp is in the snapshot
+    const Snapshot snapshot = take_snapshot_();
     for (const auto& [status_name, describe] : statuses_) {
       diagnostic_updater::DiagnosticStatusWrapper status;
       status.name = name_ + ": " + status_name;
