@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cinttypes>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <utility>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
@@ -33,9 +33,7 @@ auto Nearest(Received& received, int64_t stamp_ns, bool unused = false) -> declt
 
 std::string FormatStamp(int64_t stamp_ns) {
   constexpr int64_t kNsPerS = 1000000000;
-  char text[40];
-  std::snprintf(text, sizeof(text), "%" PRId64 ".%09" PRId64, stamp_ns / kNsPerS, stamp_ns % kNsPerS);
-  return text;
+  return StringPrintf("%" PRId64 ".%09" PRId64, stamp_ns / kNsPerS, stamp_ns % kNsPerS);
 }
 
 InputMatcher::InputMatcher(const InputMatcherOptions& options)

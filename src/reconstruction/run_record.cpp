@@ -1,7 +1,6 @@
 #include "run.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -79,15 +78,11 @@ std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, co
 
 /// Table of milliseconds per stage, in all and per image.
 std::string FormatTimings(const RunTimes& times) {
-  const ClassicLocale point;
-  char line[128];
-  std::snprintf(line, sizeof(line), "%-48s %12s %12s\n", Concat("stage (", times.images, " images)").c_str(), "ms",
-                "ms per image");
-  std::string text = line;
+  const std::string stage = Concat("stage (", times.images, " images)");
+  std::string text = StringPrintf("%-48s %12s %12s\n", stage.c_str(), "ms", "ms per image");
   const int images = std::max(1, times.images);
   for (const auto& [name, ms] : Rows(times)) {
-    std::snprintf(line, sizeof(line), "%-48s %12.1f %12.2f\n", name, ms, ms / images);
-    text += line;
+    text += StringPrintf("%-48s %12.1f %12.2f\n", name, ms, ms / images);
   }
   return text;
 }
