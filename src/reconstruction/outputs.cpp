@@ -215,8 +215,7 @@ CloudSize RunAndWriteResults(ReconstructRun* run) {
   std::optional<TiledCloud> tiles;  // where the points go: into these, or into the file
   std::optional<PlyFile> file;
   if (run->options.tile_size) {
-    const size_t bytes = run->options.MemoryBytes(run->options.kTileShare);
-    tiles.emplace(run->folder, *run->options.tile_size, bytes, run->plan.origin);
+    tiles.emplace(run->folder, *run->options.tile_size, run->plan.origin);
   } else {
     file.emplace(run->folder->path() / "fused.ply", Durability::kPowerCut, run->plan.origin);
   }
