@@ -30,7 +30,7 @@ struct AxisScene {
 
 TEST(DepthRangeTest, TakesQuantilesWithMargin) {
   const AxisScene scene;
-  const auto range = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose, {});
+  const auto range = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose);
   ASSERT_TRUE(range);
   // Of 101 sorted depths 2 % lie below 1.02 and above 1.98; the result is a float.
   EXPECT_NEAR(range->min, 1.02 / kDepthMargin, 1e-6);
@@ -39,7 +39,7 @@ TEST(DepthRangeTest, TakesQuantilesWithMargin) {
 
 TEST(DepthRangeTest, IgnoresWhatIsNotALandmarkInView) {
   AxisScene scene;
-  const auto expected = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose, {});
+  const auto expected = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose);
   // (0, 0, 0) is in front of this camera, so only the rule about exact zeros keeps it out.
   scene.pose.translation() += Eigen::Vector3d(0, 0, 100);
   for (auto& point : scene.points) point.x() -= 100;
@@ -52,7 +52,7 @@ TEST(DepthRangeTest, IgnoresWhatIsNotALandmarkInView) {
                                              {scene.points[0].x(), 6 + 0.02 * i + 2, 7},
                                              {scene.points[0].x(), 6, 7 - 0.02 * i - 2}});
   }
-  const auto range = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose, {});
+  const auto range = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose);
   ASSERT_TRUE(range);
   EXPECT_FLOAT_EQ(range->min, expected->min);
   EXPECT_FLOAT_EQ(range->max, expected->max);
@@ -60,11 +60,11 @@ TEST(DepthRangeTest, IgnoresWhatIsNotALandmarkInView) {
 
 TEST(DepthRangeTest, NoneWithTooFewLandmarks) {
   const AxisScene scene;
-  EXPECT_FALSE(DepthRangeFromLandmarks({}, kSmallCamera, scene.pose, {}));
+  EXPECT_FALSE(DepthRangeFromLandmarks({}, kSmallCamera, scene.pose));
   const std::vector<Eigen::Vector3d> nine(scene.points.begin(), scene.points.begin() + 9);
-  EXPECT_FALSE(DepthRangeFromLandmarks(nine, kSmallCamera, scene.pose, {}));
+  EXPECT_FALSE(DepthRangeFromLandmarks(nine, kSmallCamera, scene.pose));
   const std::vector<Eigen::Vector3d> ten(scene.points.begin(), scene.points.begin() + 10);
-  EXPECT_TRUE(DepthRangeFromLandmarks(ten, kSmallCamera, scene.pose, {}));
+  EXPECT_TRUE(DepthRangeFromLandmarks(ten, kSmallCamera, scene.pose));
 }
 
 }  // namespace

@@ -38,9 +38,7 @@ SourceViewSelection Select(const std::vector<PosedCamera>& views, int max_source
   std::vector<SourceViewCandidate> candidates;
   candidates.reserve(views.size());
   for (const PosedCamera& view : views) candidates.push_back({view});
-  SourceViewOptions options;
-  options.max_source_views = max_source_views;
-  return SelectSourceViews(reference, depth, candidates, options);
+  return SelectSourceViews(reference, depth, candidates, max_source_views);
 }
 
 std::vector<size_t> Indices(const SourceViewSelection& selection) {
@@ -100,10 +98,10 @@ TEST(SelectSourceViewsTest, PenalisesAnotherResolution) {
 
 TEST(SelectSourceViewsTest, TakesViewsOfAHigherPriorityFirst) {
   std::vector<SourceViewCandidate> candidates = {{OnArc(7)}, {OnArc(2), 1}, {OnArc(-7)}, {OnArc(2.5), 1}};
-  const SourceViewSelection all = SelectSourceViews(OnArc(0), kRadius, candidates, {10});
+  const SourceViewSelection all = SelectSourceViews(OnArc(0), kRadius, candidates, 10);
   EXPECT_THAT(Indices(all), ElementsAre(3, 1, 2, 0));
   EXPECT_EQ(all.num_useful, 4);
-  EXPECT_THAT(Indices(SelectSourceViews(OnArc(0), kRadius, candidates, {3})), ElementsAre(3, 1, 2));
+  EXPECT_THAT(Indices(SelectSourceViews(OnArc(0), kRadius, candidates, 3)), ElementsAre(3, 1, 2));
 }
 
 TEST(SelectSourceViewsTest, TakesViewsAheadThatSeeOnlyTheBorderAtAnAngle) {
