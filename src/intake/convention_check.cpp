@@ -74,9 +74,10 @@ std::optional<std::string> ConventionCheck::Add(const PoseSemantics& configured,
     recent_.in_image += in_camera.z() > 0 && camera.Contains(camera.Project(in_camera)) ? weight : 0;
     recent_.in_image_otherwise += otherwise.z() > 0 && camera.Contains(camera.Project(otherwise)) ? weight : 0;
   }
-  if (new_points_ < kFirstPoints / 2 || 2 * recent_.points < new_points_) return std::nullopt;
+  if (new_points_ < next_points_) return std::nullopt;
   std::optional<std::string> warning;
   if (new_points_ >= kFirstPoints) warning = Judge(configured, cloud_in_camera);
+  next_points_ = std::max(kFirstPoints, 2 * new_points_);
   recent_ = {};
   return warning;
 }

@@ -46,9 +46,10 @@ class ConventionCheck {
   std::vector<Eigen::Vector3d> TakeNew(const SparseCloud& cloud);
   std::optional<std::string> Judge(const PoseSemantics& configured, bool cloud_in_camera);
 
-  int clouds_ = 0;         ///< seen
-  double new_points_ = 0;  ///< of all clouds
-  Look recent_;            ///< since their number has doubled
+  int clouds_ = 0;                           ///< seen
+  double new_points_ = 0;                    ///< of all clouds
+  double next_points_ = 0.4 * kFirstPoints;  ///< when recent_ begins anew
+  Look recent_;
   bool decided_ = false;
   std::string warning_;
   size_t points_ = 0, in_front_ = 0;  ///< of all clouds, as configured
