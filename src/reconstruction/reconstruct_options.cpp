@@ -119,7 +119,6 @@ OptionList OptionsOf(ReconstructOptions* o) {
   list.Flag("--no-pictures", &o->no_pictures, "No colour pictures of the maps");
   list.Flag("--overwrite", &o->overwrite, "Start afresh: remove what an earlier run left in OUTPUT");
   list.Flag("--keep-work", &o->keep_work, "Keep OUTPUT/work at the end");
-  list.Flag("--timings", &o->timings, "Print the time per stage and image");
   list.Flag("--quiet", &o->quiet, "No progress; only warnings and errors");
 
   list.Group(kStageGroup);

@@ -76,17 +76,6 @@ std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, co
   return summary.dump(2) + "\n";
 }
 
-/// Table of milliseconds per stage, in all and per image.
-std::string FormatTimings(const RunTimes& times) {
-  const std::string stage = Concat("stage (", times.images, " images)");
-  std::string text = StringPrintf("%-48s %12s %12s\n", stage.c_str(), "ms", "ms per image");
-  const int images = std::max(1, times.images);
-  for (const auto& [name, ms] : Rows(times)) {
-    text += StringPrintf("%-48s %12.1f %12.2f\n", name, ms, ms / images);
-  }
-  return text;
-}
-
 }  // namespace
 
 RunRecord SettingsRecord(const ReconstructOptions& options) {
@@ -196,7 +185,6 @@ void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& dev
     *out << run->folder->path().string() << ": " << cloud.points << " points in " << DescribeFiles(cloud) << "; took "
          << FormatDuration(run->times.run_ms / 1000) << " on " << device << std::endl;
   }
-  if (run->options.timings) *out << FormatTimings(run->times) << std::flush;
   if (!failure.empty()) throw ProcessingError(failure);
 }
 

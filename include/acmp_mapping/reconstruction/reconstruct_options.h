@@ -62,7 +62,6 @@ struct ReconstructOptions {
   bool no_pictures = false;
   bool overwrite = false;
   bool keep_work = false;
-  bool timings = false;
   bool quiet = false;
 
   bool online() const { return schedule == "online"; }
