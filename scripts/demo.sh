@@ -39,9 +39,9 @@ scripts/save_demo_output.py "$out/room.bag" "$out" --timeout 1200 rviz:=$show pr
 
 step "against the ground truth"
 echo "-- low-latency maps (before the geometric passes)"
-"$bin/acmp_evaluate" depth "$out/ground_truth" "$out/depth_fast" --mask low_texture --quiet
+"$bin/acmp_evaluate" depth "$out/ground_truth" "$out/depth_fast" --mask low_texture --lowtex 0 --quiet
 echo "-- refined maps"
-"$bin/acmp_evaluate" depth "$out/ground_truth" "$out/depth" --mask low_texture --quiet
+"$bin/acmp_evaluate" depth "$out/ground_truth" "$out/depth" --mask low_texture --lowtex 0 --quiet
 echo "-- fused map"
 "$bin/acmp_evaluate" cloud "$out/map.ply" "$out/ground_truth/surface.ply"
 if [ -f "$out/mesh.ply" ]; then

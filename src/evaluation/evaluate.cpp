@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <regex>
 #include <utility>
+
+#include <opencv2/imgproc.hpp>
 
 #include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
@@ -34,6 +37,23 @@ std::vector<fs::path> SortedEntries(const fs::path& folder) {
   }
   std::sort(entries.begin(), entries.end());
   return entries;
+}
+
+// The output of the public ACMP program.
+std::map<int, fs::path> FindAcmpOutput(const std::vector<fs::path>& entries, const std::string& name) {
+  const std::vector<std::string> candidates =
+      name.empty() ? std::vector<std::string>{"depths_geom.dmb", "depths_prior.dmb", "depths.dmb"}
+                   : std::vector<std::string>{name};
+  std::map<int, fs::path> found;
+  for (const fs::path& folder : entries) {
+    const auto index = LastNumber(folder.filename().string());
+    for (const std::string& candidate : candidates) {
+      if (!index || !fs::exists(folder / candidate)) continue;
+      found[*index] = folder / candidate;
+      break;
+    }
+  }
+  return found;
 }
 
 std::regex ParsePattern(const std::string& text) {
@@ -149,6 +169,22 @@ Image<unsigned char> ReadMask(const fs::path& folder, int index, const DepthMap&
 void Check(const DepthEvaluationOptions& options) {
   CheckPositive("--scale", options.scale);
   Check(options.truth);
+  CheckRange("--lowtex", options.low_texture, 0.0, 255.0);
+}
+
+// 8-bit grey values of a picture file as OpenCV's imread(IMREAD_GRAYSCALE) gives them: the luma of a JPEG, for others
+// libpng's weighted sum, rounded down.
+Image<unsigned char> ReadGray8(const fs::path& path) {
+  // 15-bit weights of red, green and blue.
+  constexpr unsigned kRed = 9797, kGreen = 19234, kBlue = 3737, kHalf = 1u << 14;
+  const std::string extension = LowerExtension(path);
+  const unsigned rounding = extension == ".jpg" || extension == ".jpeg" ? kHalf : 0;
+  const ColorImage color = ReadColorImage(path);
+  Image<unsigned char> gray(color.width(), color.height());
+  std::transform(color.begin(), color.end(), gray.begin(), [rounding](const Rgb& c) {
+    return static_cast<unsigned char>((kRed * c.r + kGreen * c.g + kBlue * c.b + rounding) >> 15);
+  });
+  return gray;
 }
 
 constexpr const char* kIndexName = "index.json";
@@ -207,23 +243,55 @@ PredictionIndex FindPredictions(const fs::path& folder, const std::vector<Listed
                                 const std::string& name) {
   if (!fs::is_directory(folder)) throw InvalidInputError(Concat(folder.string(), ": no such folder of predictions"));
   const std::vector<fs::path> entries = SortedEntries(folder);
-  const std::regex pattern = ParsePattern(name);
-  PredictionIndex index;
-  size_t set_aside = 0;
-  for (const char* extension : {".pfm", ".dmb", ".png"}) {
-    for (const auto& [image, path] : FindNamedMaps(entries, images, pattern, extension)) {
-      set_aside += !index.files.emplace(image, path).second;
-    }
+  std::vector<fs::path> acmp_folders;
+  for (const fs::path& entry : entries) {
+    if (entry.filename().string().rfind("2333_", 0) == 0) acmp_folders.push_back(entry);
   }
-  if (set_aside > 0) {
-    index.notes.push_back(
-        Concat(set_aside, " maps left aside for another of their image: .pfm before .dmb before .png"));
+
+  PredictionIndex index;
+  if (!acmp_folders.empty()) {
+    index.files = FindAcmpOutput(acmp_folders, name);
+  } else {
+    const std::regex pattern = ParsePattern(name);
+    index.files = FindNamedMaps(entries, images, pattern, ".pfm");
+    size_t set_aside = 0;
+    for (const char* extension : {".dmb", ".png"}) {
+      for (const auto& [image, path] : FindNamedMaps(entries, images, pattern, extension)) {
+        set_aside += !index.files.emplace(image, path).second;
+      }
+    }
+    if (set_aside > 0)
+      index.notes.push_back(
+          Concat(set_aside, " maps left aside for another of their image: .pfm before .dmb before .png"));
   }
   const bool any = std::any_of(images.begin(), images.end(),
                                [&](const ListedImage& image) { return index.files.count(image.index) > 0; });
   if (!any)
     throw InvalidInputError(Concat(folder.string(), ": no .pfm, .dmb or .png named after an image of the scene"));
   return index;
+}
+
+Image<unsigned char> LowTextureMask(Image<unsigned char> picture, int width, int height, double threshold) {
+  constexpr int kWindow = 11;
+  cv::Mat gray(picture.height(), picture.width(), CV_8U, picture.data());
+  if (gray.cols != width || gray.rows != height) {
+    cv::Mat resized;
+    cv::resize(gray, resized, {width, height}, 0, 0, cv::INTER_AREA);
+    gray = resized;
+  }
+  cv::Mat mean, mean_square;
+  gray.convertTo(gray, CV_32F);
+  cv::blur(gray, mean, {kWindow, kWindow});
+  cv::blur(gray.mul(gray), mean_square, {kWindow, kWindow});
+  Image<unsigned char> mask(width, height);
+  for (int row = 0; row < height; ++row) {
+    for (int col = 0; col < width; ++col) {
+      const float mu = mean.at<float>(row, col);
+      const float variance = std::max(mean_square.at<float>(row, col) - mu * mu, 0.0f);
+      mask(col, row) = std::sqrt(variance) < static_cast<float>(threshold) ? 1 : 0;
+    }
+  }
+  return mask;
 }
 
 DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
@@ -236,10 +304,12 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
   DepthEvaluation evaluation;
   evaluation.notes = std::move(predictions.notes);
   DepthErrors pool;
+  RegionMean low_texture("lowtex");
   std::vector<std::pair<fs::path, RegionMean>> masks;
   for (const std::string& mask : options.masks) {
     masks.emplace_back(FindFolder(options.scene, mask), RegionMean(fs::path(mask).filename().string()));
   }
+  size_t without_picture = 0;
   for (const ListedImage& image : images) {
     if (!options.subset.empty() && options.subset.count(image.index) == 0) continue;
     const DepthMap truth = ReadGroundTruth(truth_folder, image.index, options.truth);
@@ -252,6 +322,13 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
     evaluation.images.push_back({image.index, image.name, has_prediction, metrics});
     pool.Add(estimate, truth);
 
+    const fs::path picture = options.scene / "images" / image.name;
+    if (options.low_texture > 0 && fs::exists(picture)) {
+      const auto mask = LowTextureMask(ReadGray8(picture), truth.width(), truth.height(), options.low_texture);
+      low_texture.Add(estimate, truth, mask, metrics.ground_truth_pixels);
+    } else if (options.low_texture > 0) {
+      ++without_picture;
+    }
     for (auto& [folder, region] : masks) {
       const Image<unsigned char> mask = ReadMask(folder, image.index, truth);
       if (!mask.empty()) region.Add(estimate, truth, mask, metrics.ground_truth_pixels);
@@ -263,7 +340,10 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
   for (const ImageEvaluation& image : evaluation.images) metrics.push_back(image.metrics);
   evaluation.mean = Mean(metrics);
   evaluation.pool = pool.Metrics();
+  low_texture.AppendTo(&evaluation.regions);
   for (const auto& [folder, region] : masks) region.AppendTo(&evaluation.regions);
+  if (without_picture > 0)
+    evaluation.notes.push_back(Concat(without_picture, " images left out of lowtex: no picture"));
   return evaluation;
 }
 

@@ -40,12 +40,12 @@ CLI::App* AddDepthCommand(CLI::App* app, EvaluateArguments* a) {
       "file "
       "as entirely missing. dens: percentage with an estimate; med: their median absolute error. Maps of another size "
       "are looked up at the nearest pixel.");
-  command->add_option("SCENE", a->depth.scene, "Folder with cameras.txt and depth/")->required();
+  command->add_option("SCENE", a->depth.scene, "Folder with cameras.txt, images/ and depth/")->required();
   command
       ->add_option(
           "PREDICTIONS", a->depth.predictions,
           "Folder with one .pfm, .dmb or 16-bit .png (millimetres) per image, named by the image's name or its "
-          "index (000007.pfm, depth_7.png)")
+          "index (000007.pfm, depth_7.png), or the output folder of the public ACMP program")
       ->required();
   command->option_defaults()->always_capture_default();
   AddGroundTruthOptions(command, &a->depth.truth);
@@ -55,6 +55,9 @@ CLI::App* AddDepthCommand(CLI::App* app, EvaluateArguments* a) {
                     "Multiply each map by the median of true over predicted depth: for poses whose scale is unknown or "
                     "drifts");
   command->add_option("--subset", a->subset, "Only these image indices, for example 0,3,7-12");
+  command->add_option(
+      "--lowtex", a->depth.low_texture,
+      "Repeat the mean over pixels whose 11x11 neighbourhood has a grey standard deviation below this (0: off)");
   command
       ->add_option("--mask", a->depth.masks,
                    "Repeat the mean over the white pixels of the pictures in this folder, in SCENE or anywhere")

@@ -53,6 +53,7 @@ class EvaluateDepthTest : public TestFolder {
     DepthEvaluationOptions options;
     options.scene = folder() / "scene";
     options.predictions = folder() / "maps";
+    options.low_texture = 30.0;  // 11 pixels are a large part of so small a picture
     return options;
   }
 
@@ -97,6 +98,7 @@ TEST_F(EvaluateDepthTest, HonoursScaleSubsetAndMaxDepth) {
   DepthEvaluationOptions options = Options();
   options.subset = {2};
   options.scale = 0.5;
+  options.low_texture = 0;
   const DepthEvaluation evaluation = EvaluateDepthFolder(options);
   ASSERT_EQ(evaluation.images.size(), 1u);
   EXPECT_TRUE(evaluation.regions.empty());
@@ -124,7 +126,7 @@ TEST_F(EvaluateDepthTest, RefusesBadOptionsAndInput) {
   expect_refused([&](DepthEvaluationOptions* o) { o->masks = {small}; }, "size 4 x 4");
   DepthEvaluationOptions options = Options();
   options.masks = {"sparse"};
-  EXPECT_TRUE(EvaluateDepthFolder(options).regions.empty()) << "no mask of that name";
+  EXPECT_EQ(EvaluateDepthFolder(options).regions.size(), 1u);  // no mask of that name: lowtex alone
 }
 
 TEST_F(EvaluateDepthTest, ReportsTheSameFiguresInEveryForm) {
@@ -136,7 +138,7 @@ TEST_F(EvaluateDepthTest, ReportsTheSameFiguresInEveryForm) {
   EXPECT_THAT(table, HasSubstr(figure));
   EXPECT_THAT(table, HasSubstr("1 000001.png MISSING"));
   EXPECT_THAT(table, HasSubstr("no prediction file for 1 of 3 images: [1]"));
-  EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 7);
+  EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 8);
   EXPECT_THAT(DepthTable(evaluation, true), testing::Not(HasSubstr("MISSING")));
 
   const auto json = nlohmann::json::parse(DepthJson(evaluation));
@@ -144,6 +146,43 @@ TEST_F(EvaluateDepthTest, ReportsTheSameFiguresInEveryForm) {
   EXPECT_EQ(json["images"][1]["figures"], nlohmann::json({0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, nullptr}));
   EXPECT_EQ(json["columns"].back(), "med");
   EXPECT_EQ(json["pool"].back(), evaluation.pool.median_error);
+}
+
+// Standard deviation over 11x11 pixels, mirrored at the border without repeating it, in double.
+double StandardDeviation(const Image<unsigned char>& image, int col, int row) {
+  const auto mirror = [](int i, int size) { return i < 0 ? -i : i >= size ? 2 * size - 2 - i : i; };
+  double sum = 0, sum_squares = 0;
+  for (int v = row - 5; v <= row + 5; ++v) {
+    for (int u = col - 5; u <= col + 5; ++u) {
+      const double value = image(mirror(u, image.width()), mirror(v, image.height()));
+      sum += value;
+      sum_squares += value * value;
+    }
+  }
+  return std::sqrt(std::max(sum_squares / 121 - sum / 121 * sum / 121, 0.0));
+}
+
+TEST(LowTextureMask, AgreesWithAPlainReference) {
+  Image<unsigned char> image(37, 29);
+  for (int row = 0; row < 29; ++row) {
+    for (int col = 0; col < 37; ++col) {
+      RandomStream random(1, static_cast<uint32_t>(row * 37 + col), 0);
+      image(col, row) = static_cast<unsigned char>(100 + random.NextUniform() * col);  // from flat to rough
+    }
+  }
+  const Image<unsigned char> mask = LowTextureMask(image.Clone(), 37, 29, 4.0);
+  int low = 0;
+  for (int row = 0; row < 29; ++row) {
+    for (int col = 0; col < 37; ++col) {
+      low += mask(col, row);
+      const double deviation = StandardDeviation(image, col, row);
+      // Float sums of 121 squares of about 10^4: the variance is off by up to 0.02, the deviation by 0.003.
+      if (std::abs(deviation - 4.0) <= 0.003) continue;
+      EXPECT_EQ(mask(col, row) != 0, deviation < 4.0) << col << " " << row;
+    }
+  }
+  EXPECT_GT(low, 200);
+  EXPECT_LT(low, 37 * 29 - 200);
 }
 
 namespace fs = std::filesystem;
@@ -160,6 +199,8 @@ TEST_F(EvaluateInputsTest, WhichFileIsWhoseMap) {
     std::vector<std::string> files;
     std::string name, found;  ///< "0: FILE, 7: FILE": of the images that have one
   };
+  const std::vector<std::string> of_program = {"2333_00000000/depths.dmb", "2333_00000000/depths_geom.dmb",
+                                               "2333_00000007/depths.dmb", "2333_00000001/normals.dmb"};
   for (const Case& c : std::vector<Case>{
            // By index or by the image's own stem, which goes before it, and the first file before later ones.
            {{"depth_0007.png", "P100.dmb", "00000001.DMB", "000001_normal.txt"},
@@ -167,6 +208,9 @@ TEST_F(EvaluateInputsTest, WhichFileIsWhoseMap) {
             "0: P100.dmb, 1: 00000001.DMB, 7: depth_0007.png"},
            {{"0.dmb", "P100.dmb", "a_1.dmb", "b_1.dmb"}, "", "0: P100.dmb, 1: a_1.dmb"},
            {{"0.dmb", "P100.dmb", "a_1.dmb", "b_1.dmb"}, "^b_", "1: b_1.dmb"},
+           // The output of the public program.
+           {of_program, "", "0: 2333_00000000/depths_geom.dmb, 7: 2333_00000007/depths.dmb"},
+           {of_program, "depths.dmb", "0: 2333_00000000/depths.dmb, 7: 2333_00000007/depths.dmb"},
            {{"000000.pfm", "000000.png", "000001.png", "000007.png", "000007.dmb"},
             "",
             "0: 000000.pfm, 1: 000001.png, 7: 000007.dmb"}}) {

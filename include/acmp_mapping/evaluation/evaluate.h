@@ -26,6 +26,7 @@ struct DepthEvaluationOptions {
   std::string name;                ///< see FindPredictions
   double scale = 1.0;              ///< predictions are multiplied by it, > 0
   bool median_scale = false;       ///< then each by its own MedianScale
+  double low_texture = 4.0;        ///< grey levels; 0 turns the row off
   std::set<int> subset;            ///< image indices; empty: all
   std::vector<std::string> masks;  ///< folders of 8-bit pictures, each a row of its own
 };
@@ -48,7 +49,7 @@ struct DepthEvaluation {
   std::vector<ImageEvaluation> images;  ///< those with ground truth
   DepthMetrics mean;
   DepthMetrics pool;                      ///< all pixels of all images together
-  std::vector<RegionEvaluation> regions;  ///< the masks, as far as they occur
+  std::vector<RegionEvaluation> regions;  ///< "lowtex", then the masks, as far as they occur
   std::vector<std::string> notes;
 };
 
@@ -58,14 +59,20 @@ struct PredictionIndex {
 };
 
 /// Finds the depth maps of a folder: .pfm, .dmb or .png named by the image's own stem or by its index (the last number
-/// in the file name). Of several for one image .pfm goes before .dmb and that before .png. `name` is a regular
-/// expression that file names must contain. Throws InvalidInputError when the folder or every map is missing.
+/// in the file name), or ACMP's own output (2333_<index>/depths_geom.dmb, else depths_prior.dmb, else depths.dmb).
+/// Of several for one image .pfm goes before .dmb and that before .png. `name`, if not empty, is the file to read in
+/// 2333_* folders, else a regular expression that file names must contain. Throws InvalidInputError when the folder or
+/// every map is missing.
 PredictionIndex FindPredictions(const std::filesystem::path& folder, const std::vector<ListedImage>& images,
                                 const std::string& name);
 
 /// Compares the depth maps of a folder with a scene's ground truth. Throws InvalidInputError for whatever is missing,
 /// unreadable or out of bounds.
 DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options);
+
+/// 1 where the 11x11 neighbourhood in the picture, resized to width x height, has a standard deviation below
+/// `threshold`.
+Image<unsigned char> LowTextureMask(Image<unsigned char> picture, int width, int height, double threshold);
 
 struct CloudEvaluationOptions {
   std::filesystem::path reconstruction;  ///< what ReadCloud reads
