@@ -337,7 +337,6 @@ bool DeclareReading(const IntakeRun& run, const ReadingVerdict& verdict, NodeOpt
 }
 
 BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
-  CheckRange("sparse_tolerance", asked.mapper.matcher.sparse_tolerance_s, 0.0, 1000.0);
   BagTopics topics = ChooseTopics(bag, asked.topics);
   const bool asked_for_sources = !asked.topics.source_images.empty();
   if (!asked_for_sources) AddSecondCamera(&topics);

@@ -181,7 +181,7 @@ class BagFeed {
     for (const SourceImage& source : keyframe.source_images) ++run_.with_source[source.image->topic];
     TakeView(keyframe);
     const auto range = DepthRangeFromLandmarks(keyframe.landmarks_in_world, keyframe.calibration->camera,
-                                               keyframe.world_from_cam.inverse(), {});
+                                               keyframe.world_from_cam.inverse());
     if (!range) return;
     if (!run_.range) run_.range = range;
     run_.range->min = std::min(run_.range->min, range->min);
@@ -204,7 +204,7 @@ class BagFeed {
     }
     try {
       run_.images_of_poses->Add(MakeFrame(0, 0, rectifier_->Rectify(DecodeRgb(*keyframe.image)),
-                                          rectifier_->face().camera, keyframe.world_from_cam.inverse(), {}, {kSize}));
+                                          rectifier_->face().camera, keyframe.world_from_cam.inverse(), {}, kSize));
     } catch (const InvalidInputError&) {  // of another size than its camera's, which is told
     }
   }

@@ -47,8 +47,8 @@ class BagRecorder {
 
   /// In the order in which a frontend would send it: the pose comes last, since it triggers the mapper.
   void Add(const RecordedImage& image) {
-    const std_msgs::Header in_camera = MakeHeader(image.index, options_.camera_frame, options_);
-    const std_msgs::Header in_world = MakeHeader(image.index, options_.world_frame, options_);
+    const std_msgs::Header in_camera = MakeHeader(image.index, kCameraFrame, options_);
+    const std_msgs::Header in_world = MakeHeader(image.index, kWorldFrame, options_);
     const ros::Time& stamp = in_camera.stamp;
     const geometry_msgs::PoseStamped pose = ToPoseStamped(image.cam_from_world, in_world);
     writer_.Write(kImageTopic, stamp, *ToColorMessage(image.pixels, in_camera));
@@ -56,7 +56,7 @@ class BagRecorder {
     if (!image.mask.empty()) writer_.Write(kMaskTopic, stamp, ToMaskMessage(image.mask, in_camera));
     if (image.optimized_path) writer_.Write(kOptimizedPathTopic, stamp, *image.optimized_path);
     writer_.Write(kCameraInfoTopic, stamp, ToCameraInfo(image.camera, image.distortion, in_camera));
-    writer_.Write(kTfTopic, stamp, ToTf(pose, options_.camera_frame));
+    writer_.Write(kTfTopic, stamp, ToTf(pose, kCameraFrame));
     if (image.landmarks_in_world) {
       writer_.Write(kSparsePointsTopic, stamp, ToPointCloud2(*image.landmarks_in_world, in_world));
       summary_.landmarks += image.landmarks_in_world->size();
@@ -92,9 +92,9 @@ class BagRecorder {
 /// The poses after the loop closure of all images before it, with their stamps.
 nav_msgs::Path MakeOptimizedPath(const SlamRun& slam, const RecordingOptions& options) {
   nav_msgs::Path path;
-  path.header = MakeHeader(static_cast<int>(slam.loop_closure), options.world_frame, options);
+  path.header = MakeHeader(static_cast<int>(slam.loop_closure), kWorldFrame, options);
   for (size_t i = static_cast<size_t>(slam.errors.start); i < slam.loop_closure; ++i) {
-    const std_msgs::Header header = MakeHeader(static_cast<int>(i), options.world_frame, options);
+    const std_msgs::Header header = MakeHeader(static_cast<int>(i), kWorldFrame, options);
     path.poses.push_back(ToPoseStamped(slam.corrected[i].inverse(Eigen::Isometry), header));
   }
   return path;
@@ -105,8 +105,6 @@ nav_msgs::Path MakeOptimizedPath(const SlamRun& slam, const RecordingOptions& op
 void Validate(const RecordingOptions& options) {
   CheckRange("rate", options.rate_hz, 0.001, 1000.0);
   CheckRange("max image size", options.max_image_size, 0, 1 << 16);
-  if (options.world_frame.empty()) throw InvalidInputError("world frame: must not be empty");
-  if (options.camera_frame.empty()) throw InvalidInputError("camera frame: must not be empty");
 }
 
 ros::Time StampOf(int index, const RecordingOptions& options) {

@@ -236,11 +236,9 @@ void ColmapPoints::AddImage(size_t image, const PosedCamera& camera, const Depth
   CheckSize("depth map", depth.width(), depth.height(), camera.camera);
   for (size_t i = 0; i < points_.size(); ++i) {
     const Eigen::Vector3d in_cam = camera.cam_from_world * points_[i].position_in_world;
-    if (!(in_cam.z() > 0)) continue;
-    const Eigen::Vector2d pixel = camera.camera.Project(in_cam);
-    if (!camera.camera.Contains(pixel)) continue;
-    const double seen =
-        depth(static_cast<int>(std::floor(pixel.x() + 0.5)), static_cast<int>(std::floor(pixel.y() + 0.5)));
+    const auto pixel = camera.camera.PixelOf(in_cam);
+    if (!pixel) continue;
+    const double seen = depth(pixel->x(), pixel->y());
     if (!(seen > 0)) unconfirmed_[i] = std::min(unconfirmed_[i], static_cast<uint32_t>(image));
     if (!(std::abs(seen - in_cam.z()) <= kMaxRelativeDepth * in_cam.z())) continue;
     // Reservoir sampling (Vitter, 1985), with numbers that depend on the point and the view alone.

@@ -1,11 +1,11 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <sstream>
 #include <unordered_map>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "image_codec_private.h"
 #include "input_file.h"
@@ -17,12 +17,6 @@ namespace {
 constexpr double kHalfPixel = 0.5;
 constexpr double kRounding = 1e-9;  ///< in numbers that must be 0 or 1: matrices may have been multiplied
 
-std::string Numbered(const char* format, int index) {
-  char text[64];
-  std::snprintf(text, sizeof(text), format, index);
-  return text;
-}
-
 std::string WithAllDigits(const Eigen::RowVectorXd& numbers) {
   std::ostringstream text;
   text.precision(std::numeric_limits<double>::max_digits10);
@@ -31,14 +25,15 @@ std::string WithAllDigits(const Eigen::RowVectorXd& numbers) {
 }
 
 std::filesystem::path FindImage(const std::filesystem::path& folder, int index) {
-  for (const char* format : {"%08d", "%06d"}) {
+  for (const int digits : {8, 6}) {
     for (const char* extension : {".jpg", ".png", ".jpeg", ".JPG", ".PNG", ".JPEG"}) {
-      auto path = folder / (Numbered(format, index) + extension);
+      auto path = folder / (StringPrintf("%0*d", digits, index) + extension);
       if (std::filesystem::is_regular_file(path)) return path;
     }
   }
-  throw InvalidInputError(Concat("image ", index, " is missing: neither ", (folder / Numbered("%08d", index)).string(),
-                                 " nor ", Numbered("%06d", index), " with extension .jpg, .jpeg or .png"));
+  throw InvalidInputError(Concat("image ", index, " is missing: neither ",
+                                 (folder / StringPrintf("%08d", index)).string(), " nor ", StringPrintf("%06d", index),
+                                 " with extension .jpg, .jpeg or .png"));
 }
 
 void ExpectLine(TextReader* reader, const char* what) {
@@ -110,7 +105,7 @@ SceneImage ReadImage(const std::filesystem::path& root, const std::filesystem::p
   SceneImage image;
   image.path = FindImage(image_folder, index);
   image.name = image.path.filename().string();
-  TextReader reader(root / "cams" / (Numbered("%08d", index) + "_cam.txt"));
+  TextReader reader(root / "cams" / StringPrintf("%08d_cam.txt", index));
   image.cam_from_world = ReadExtrinsic(&reader);
   image.camera = ReadIntrinsic(&reader, ReadImageSize(image.path), centers);
   image.depth_range = ReadDepthLine(&reader);

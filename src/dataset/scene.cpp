@@ -271,12 +271,12 @@ ColorImage LoadImage(const Scene& scene, int index) {
   return ReadColorImage(image.path, {FileCamera(image).width, FileCamera(image).height});
 }
 
-Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options) {
+Frame LoadFrame(const Scene& scene, int index, int max_size) {
   ColorImage color = LoadImage(scene, index);
   const SceneImage& image = scene.images[index];
   const auto rectifier = RectifierOf(image);
   return MakeFrame(index, 0.0, rectifier->Rectify(std::move(color)), image.camera, image.cam_from_world,
-                   LandmarksOf(scene, image), options, rectifier->RectifyMask(ReadMaskOf(image)),
+                   LandmarksOf(scene, image), max_size, rectifier->RectifyMask(ReadMaskOf(image)),
                    rectifier->RectifyDepth(ReadPriorDepthOf(image)));
 }
 

@@ -214,11 +214,8 @@ void ObservedSurface::MarkObserved(const DepthMap& depth, const PinholeCamera& c
     if (observed_[i]) return;
     const Vec3f& p = reconstruction_[i].position;
     const Eigen::Vector3d in_cam = cam_from_world * Eigen::Vector3d(p.x, p.y, p.z);
-    if (!(in_cam.z() > 0)) return;
-    const Eigen::Vector2d pixel = camera.Project(in_cam);
-    if (!camera.Contains(pixel)) return;
-    // Contains lets -0.5 in, which rounds to -0; floor(x + 0.5) is the same rule without its exception at halves.
-    const float z = depth(static_cast<int>(std::floor(pixel.x() + 0.5)), static_cast<int>(std::floor(pixel.y() + 0.5)));
+    const auto pixel = camera.PixelOf(in_cam);
+    const float z = pixel ? depth(pixel->x(), pixel->y()) : 0;
     if (IsKnown(z) && in_cam.z() <= z + tolerance_) observed_[i] = 1;
   });
 }

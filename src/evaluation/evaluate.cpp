@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -12,6 +11,7 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 
@@ -99,10 +99,8 @@ fs::path FindFolder(const fs::path& scene, const std::string& name) {
 
 // FOLDER/000007.EXT with the first of `extensions` that exists; empty when none does.
 fs::path FindMap(const fs::path& folder, int index, const std::vector<std::string>& extensions) {
-  char stem[16];
-  std::snprintf(stem, sizeof(stem), "%06d", index);
   for (const std::string& extension : extensions) {
-    fs::path path = folder / (stem + extension);
+    fs::path path = folder / (StringPrintf("%06d", index) + extension);
     if (fs::exists(path)) return path;
   }
   return {};

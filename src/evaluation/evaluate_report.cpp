@@ -1,7 +1,6 @@
 #include "acmp_mapping/evaluation/evaluate.h"
 
 #include <array>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 
 #include "acmp_mapping/common/classic_locale.h"
@@ -14,15 +13,6 @@ using Json = nlohmann::ordered_json;
 
 constexpr std::array<const char*, 8> kColumns = {"<2cm", "<5cm", "<10cm", "<1%", "<2%", "<5%", "dens", "med"};
 
-template <class... Args>
-std::string Format(const char* format, Args... args) {
-  const ClassicLocale point;
-  const int length = std::snprintf(nullptr, 0, format, args...);
-  std::string text(static_cast<size_t>(length), '\0');
-  std::snprintf(text.data(), text.size() + 1, format, args...);
-  return text;
-}
-
 std::array<double, 8> Figures(const DepthMetrics& m) {
   return {m.below_absolute[0], m.below_absolute[1], m.below_absolute[2], m.below_relative[0],
           m.below_relative[1], m.below_relative[2], m.density,           m.median_error};
@@ -31,12 +21,12 @@ std::array<double, 8> Figures(const DepthMetrics& m) {
 std::string FigureColumns(const DepthMetrics& metrics) {
   const std::array<double, 8> figures = Figures(metrics);
   std::string text;
-  for (size_t i = 0; i + 1 < figures.size(); ++i) text += Format("%7.2f ", figures[i]);
-  return text + Format("%8.4f\n", figures.back());
+  for (size_t i = 0; i + 1 < figures.size(); ++i) text += StringPrintf("%7.2f ", figures[i]);
+  return text + StringPrintf("%8.4f\n", figures.back());
 }
 
 std::string TableRow(const std::string& label, size_t pixels, const DepthMetrics& metrics) {
-  return Format("%-22s %9zu ", label.c_str(), pixels) + FigureColumns(metrics);
+  return StringPrintf("%-22s %9zu ", label.c_str(), pixels) + FigureColumns(metrics);
 }
 
 std::string MissingLine(const DepthEvaluation& evaluation) {
@@ -57,9 +47,9 @@ Json JsonFigures(const DepthMetrics& metrics) { return Figures(metrics); }
 }  // namespace
 
 std::string DepthTable(const DepthEvaluation& evaluation, bool quiet) {
-  std::string table = Format("%-22s %9s ", "image", "GT px");
-  for (size_t i = 0; i + 1 < kColumns.size(); ++i) table += Format("%7s ", kColumns[i]);
-  table += Format("%8s\n", "med[m]");
+  std::string table = StringPrintf("%-22s %9s ", "image", "GT px");
+  for (size_t i = 0; i + 1 < kColumns.size(); ++i) table += StringPrintf("%7s ", kColumns[i]);
+  table += StringPrintf("%8s\n", "med[m]");
   size_t pixels = 0;
   for (const ImageEvaluation& image : evaluation.images) {
     pixels += image.metrics.ground_truth_pixels;
@@ -70,7 +60,7 @@ std::string DepthTable(const DepthEvaluation& evaluation, bool quiet) {
   table += TableRow(Concat("mean of ", count, " images"), pixels / count, evaluation.mean);
   table += TableRow("pool", pixels, evaluation.pool);
   for (const RegionEvaluation& region : evaluation.regions) {
-    table += Format("%-22s %8.1f%% ", (region.name + " (mean)").c_str(), 100.0 * region.share);
+    table += StringPrintf("%-22s %8.1f%% ", (region.name + " (mean)").c_str(), 100.0 * region.share);
     table += FigureColumns(region.mean);
   }
   return table + MissingLine(evaluation);
@@ -104,9 +94,9 @@ std::string CloudTable(const CloudEvaluation& evaluation) {
   table += Concat(evaluation.true_points, " true points");
   if (evaluation.true_maps > 0) table += Concat(" from ", evaluation.true_maps, " depth maps");
   table += Concat(", voxels of ", evaluation.voxel_size, "\n");
-  table += Format("%10s %10s %13s %8s\n", "threshold", "accuracy", "completeness", "F1");
+  table += StringPrintf("%10s %10s %13s %8s\n", "threshold", "accuracy", "completeness", "F1");
   for (const CloudMetrics& m : evaluation.metrics) {
-    table += Format("%10.4g %10.2f %13.2f %8.2f\n", m.threshold, m.accuracy, m.completeness, m.f1);
+    table += StringPrintf("%10.4g %10.2f %13.2f %8.2f\n", m.threshold, m.accuracy, m.completeness, m.f1);
   }
   return table;
 }

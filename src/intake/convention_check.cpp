@@ -63,21 +63,23 @@ std::optional<std::string> ConventionCheck::Add(const PoseSemantics& configured,
   }
   const std::vector<Eigen::Vector3d> points = TakeNew(cloud);
   if (points.empty()) return std::nullopt;
-  if (looks_.empty() || looks_.back().points >= kNewPoints) looks_.emplace_back();
-  Look& look = looks_.back();
-  look.points += points.size();
+  const double counted = std::min(kOfACloud, static_cast<double>(points.size()));
+  const double weight = counted / static_cast<double>(points.size());
+  recent_.points += counted;
+  new_points_ += counted;
   for (const Eigen::Vector3d& point : points) {
     const Eigen::Vector3d in_camera = as_configured * point;
     const Eigen::Vector3d otherwise = (cloud_in_camera ? cam_from_world : same) * point;
-    look.in_front += in_camera.z() > 0;
-    look.in_image += in_camera.z() > 0 && camera.Contains(camera.Project(in_camera));
-    look.in_image_otherwise += otherwise.z() > 0 && camera.Contains(camera.Project(otherwise));
+    recent_.in_front += in_camera.z() > 0 ? weight : 0;
+    recent_.in_image += in_camera.z() > 0 && camera.Contains(camera.Project(in_camera)) ? weight : 0;
+    recent_.in_image_otherwise += otherwise.z() > 0 && camera.Contains(camera.Project(otherwise)) ? weight : 0;
   }
-  const auto looks = static_cast<int>(looks_.size());
-  if (look.points < kNewPoints || looks % kLooks != 0) return std::nullopt;
-  const int times = looks / kLooks;
-  if ((times & (times - 1)) != 0) return std::nullopt;  // not yet doubled
-  return Judge(configured, cloud_in_camera);
+  if (new_points_ < next_points_) return std::nullopt;
+  std::optional<std::string> warning;
+  if (new_points_ >= kFirstPoints) warning = Judge(configured, cloud_in_camera);
+  next_points_ = std::max(kFirstPoints, 2 * new_points_);
+  recent_ = {};
+  return warning;
 }
 
 std::vector<Eigen::Vector3d> ConventionCheck::TakeNew(const SparseCloud& cloud) {
@@ -98,22 +100,13 @@ std::vector<Eigen::Vector3d> ConventionCheck::TakeNew(const SparseCloud& cloud) 
   return points;
 }
 
-double ConventionCheck::Recent(size_t Look::*count) const {
-  const size_t first = looks_.size() / 2;
-  double sum = 0;
-  for (size_t i = first; i < looks_.size(); ++i) {
-    sum += static_cast<double>(looks_[i].*count) / static_cast<double>(looks_[i].points);
-  }
-  return sum / static_cast<double>(looks_.size() - first);
-}
-
 std::optional<std::string> ConventionCheck::Judge(const PoseSemantics& configured, bool cloud_in_camera) {
-  const double in_front = Recent(&Look::in_front), in_image = Recent(&Look::in_image);
-  const double otherwise = Recent(&Look::in_image_otherwise);
+  const double in_front = recent_.in_front / recent_.points, in_image = recent_.in_image / recent_.points;
+  const double otherwise = recent_.in_image_otherwise / recent_.points;
   // New points lie in the image with the right reading; some do so by chance with a wrong one.
   const bool fits = otherwise > kConvincingImage && otherwise > kClearlyBetter * in_image;
   const bool hopeless = in_front < kPlausibleFront && std::max(otherwise, in_image) < kHopelessImage;
-  decided_ = fits || hopeless || looks_.size() >= static_cast<size_t>(kLastLooks);
+  decided_ = fits || hopeless || new_points_ >= kLastPoints;
   if (!fits && !hopeless) return std::nullopt;
   const std::string other = Concat("~sparse_frame: ", cloud_in_camera ? "world" : "camera");
   warning_ = Concat("of the last sparse points that were new ", Percent(in_front),

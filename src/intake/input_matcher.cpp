@@ -3,17 +3,18 @@
 #include <algorithm>
 #include <cinttypes>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <utility>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
 namespace {
 
-constexpr size_t kPoseCapacity = 2000;  ///< 10 s of a 200 Hz source
-constexpr size_t kMoreThanImages = 10;  ///< clouds, masks, depth: those of images that are still to come
+constexpr size_t kPoseCapacity = 2000;             ///< 10 s of a 200 Hz source
+constexpr int64_t kSparseToleranceNs = 500000000;  ///< the nearest cloud within is taken, else the last one
+constexpr size_t kMoreThanImages = 10;             ///< clouds, masks, depth: those of images that are still to come
 
 int64_t ToNs(double seconds) { return std::llround(seconds * 1e9); }
 double ToMs(int64_t ns) { return static_cast<double>(ns) * 1e-6; }
@@ -33,15 +34,11 @@ auto Nearest(Received& received, int64_t stamp_ns, bool unused = false) -> declt
 
 std::string FormatStamp(int64_t stamp_ns) {
   constexpr int64_t kNsPerS = 1000000000;
-  char text[40];
-  std::snprintf(text, sizeof(text), "%" PRId64 ".%09" PRId64, stamp_ns / kNsPerS, stamp_ns % kNsPerS);
-  return text;
+  return StringPrintf("%" PRId64 ".%09" PRId64, stamp_ns / kNsPerS, stamp_ns % kNsPerS);
 }
 
 InputMatcher::InputMatcher(const InputMatcherOptions& options)
-    : options_(options),
-      sync_tolerance_ns_(ToNs(options.sync_tolerance_s)),
-      sparse_tolerance_ns_(ToNs(options.sparse_tolerance_s)) {
+    : options_(options), sync_tolerance_ns_(ToNs(options.sync_tolerance_s)) {
   companions_.resize(kSourceStream);
   companions_.resize(kSourceStream + static_cast<size_t>(options.source_cameras),
                      Companions{std::max(kSameExposureNs, ToNs(options.source_tolerance_s))});
@@ -192,12 +189,12 @@ void InputMatcher::EmitReady(double now_s, bool wait) {
 bool InputMatcher::CloudIsSettled(const WaitingImage& image, double now_s) const {
   if (!clouds_expected_ || now_s - image.ready_since_s >= options_.sparse_wait_s) return true;
   const int64_t stamp_ns = image.sample.stamp_ns;
-  return clouds_.HasComeFrom(stamp_ns - sync_tolerance_ns_, stamp_ns + sparse_tolerance_ns_, !last_match_ns_);
+  return clouds_.HasComeFrom(stamp_ns - sync_tolerance_ns_, stamp_ns + kSparseToleranceNs, !last_match_ns_);
 }
 
 SparseCloudPtr InputMatcher::ChooseCloud(int64_t stamp_ns) const {
   SparseCloudPtr nearest;
-  int64_t nearest_gap_ns = sparse_tolerance_ns_;
+  int64_t nearest_gap_ns = kSparseToleranceNs;
   for (const auto& cloud : clouds_.received) {
     const int64_t gap_ns = std::llabs(cloud.stamp_ns - stamp_ns);
     if (gap_ns > nearest_gap_ns) continue;

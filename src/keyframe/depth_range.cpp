@@ -24,15 +24,10 @@ void CheckDepthRange(const char* name, const DepthRange& range) {
   }
 }
 
-void Validate(const DepthRangeOptions& options) {
-  CheckRange("depth_range.min_landmarks", options.min_landmarks, 1, std::numeric_limits<int>::max());
-}
-
 std::optional<DepthRange> DepthRangeFromLandmarks(const std::vector<Eigen::Vector3d>& landmarks_in_world,
-                                                  const PinholeCamera& camera, const RigidTransform& cam_from_world,
-                                                  const DepthRangeOptions& options) {
+                                                  const PinholeCamera& camera, const RigidTransform& cam_from_world) {
   std::vector<double> depths = FindLandmarksInView(landmarks_in_world, camera, cam_from_world).depths;
-  if (depths.size() < static_cast<size_t>(options.min_landmarks)) return std::nullopt;
+  if (depths.size() < kMinDepthLandmarks) return std::nullopt;
   std::sort(depths.begin(), depths.end());
   const DepthRange range = {static_cast<float>(SortedQuantile(depths, kDepthQuantile) / kDepthMargin),
                             static_cast<float>(SortedQuantile(depths, 1 - kDepthQuantile) * kDepthMargin)};

@@ -28,8 +28,8 @@ void CheckPose(const char* name, const RigidTransform& pose) {
 }
 
 Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
-                const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world,
-                const FrameOptions& options, const Mask& mask, const DepthMap& prior_depth) {
+                const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world, int max_size,
+                const Mask& mask, const DepthMap& prior_depth) {
   const std::string name = Concat("frame ", id);
   CheckCamera(name, camera);
   CheckPose(name.c_str(), cam_from_world);
@@ -38,13 +38,11 @@ Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamer
     throw InvalidInputError(Concat(name, ": mask size ", mask.width(), " x ", mask.height(), ": must be the image's, ",
                                    camera.width, " x ", camera.height));
   }
-  if (options.max_size < 0) {
-    throw InvalidInputError(Concat(name, ": max_size = ", options.max_size, ": must be >= 0 px"));
-  }
+  if (max_size < 0) throw InvalidInputError(Concat(name, ": max_size = ", max_size, ": must be >= 0 px"));
 
   int width = camera.width;
   int height = camera.height;
-  LimitSize(options.max_size, &width, &height);
+  LimitSize(max_size, &width, &height);
 
   Frame frame;
   frame.id = id;

@@ -175,16 +175,11 @@ std::optional<UsefulView> Assess(const Reference& reference, const SourceViewCan
 
 }  // namespace
 
-void Validate(const SourceViewOptions& options) {
-  CheckRange("source_views.max_source_views", options.max_source_views, 1, kMaxSelectedViews);
-}
-
 double TypicalDepth(const DepthRange& range) { return std::sqrt(static_cast<double>(range.min) * range.max); }
 
 SourceViewSelection SelectSourceViews(const PosedCamera& reference, double typical_depth,
-                                      const std::vector<SourceViewCandidate>& candidates,
-                                      const SourceViewOptions& options) {
-  Validate(options);
+                                      const std::vector<SourceViewCandidate>& candidates, int max_source_views) {
+  CheckRange("max_source_views", max_source_views, 1, kMaxSelectedViews);
   if (!(typical_depth > 0) || !std::isfinite(typical_depth)) {
     throw InvalidInputError(
         Concat("choice of source views: typical_depth = ", typical_depth, ": must be positive and finite"));
@@ -195,7 +190,7 @@ SourceViewSelection SelectSourceViews(const PosedCamera& reference, double typic
   for (size_t i = 0; i < candidates.size(); ++i) {
     if (const auto view = Assess(scene, candidates[i], i, &selection)) useful.push_back(*view);
   }
-  const size_t wanted = std::min(useful.size(), static_cast<size_t>(options.max_source_views));
+  const size_t wanted = std::min(useful.size(), static_cast<size_t>(max_source_views));
   while (selection.views.size() < wanted) {
     UsefulView* best = nullptr;
     for (UsefulView& view : useful) {

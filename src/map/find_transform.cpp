@@ -201,11 +201,8 @@ void CountAgreeing(const MapSession& session, const std::vector<RegisteredView>&
       for (const RegisteredView& view : map) {
         if (view.maps.depth.empty()) continue;
         const Eigen::Vector3d in_view = view.maps.camera.cam_from_world * point;
-        if (!(in_view.z() > 0)) continue;
-        const Eigen::Vector2d pixel = view.maps.camera.camera.Project(in_view);
-        if (!view.maps.camera.camera.Contains(pixel)) continue;
-        const double depth = view.maps.depth(static_cast<int>(std::floor(pixel.x() + 0.5)),
-                                             static_cast<int>(std::floor(pixel.y() + 0.5)));
+        const auto pixel = view.maps.camera.camera.PixelOf(in_view);
+        const double depth = pixel ? view.maps.depth(pixel->x(), pixel->y()) : 0;
         if (!(depth > 0) || in_view.z() > (1 + 2 * kOnSurface) * depth) continue;  // hidden from it
         is_seen = true;
         is_on_surface = is_on_surface || in_view.z() > (1 - 2 * kOnSurface) * depth;

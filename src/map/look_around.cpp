@@ -23,10 +23,9 @@ enum class Look : uint8_t { kNothing, kConfirms, kThrough };
 /// A point is looked through where all depths around it, 3 x 3 px, are known and clearly farther: beside an outline one
 /// of them is not.
 Look LookAtPoint(const SurfaceMaps& seen, const Eigen::Vector3d& point) {
-  if (!(point.z() > 0)) return Look::kNothing;
-  const Eigen::Vector2d pixel = seen.camera.camera.Project(point);
-  if (!seen.camera.camera.Contains(pixel)) return Look::kNothing;
-  const int col = static_cast<int>(std::floor(pixel.x() + 0.5)), row = static_cast<int>(std::floor(pixel.y() + 0.5));
+  const auto pixel = seen.camera.camera.PixelOf(point);
+  if (!pixel) return Look::kNothing;
+  const int col = pixel->x(), row = pixel->y();
   const auto z = static_cast<float>(point.z());
   Look look = Look::kThrough;
   for (int r = row - 1; r <= row + 1; ++r) {

@@ -1,12 +1,12 @@
 // A map as a COLMAP model.
 
 #include <algorithm>
-#include <cstdio>
 #include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/colmap_workspace.h"
 #include "acmp_mapping/dataset/output_file.h"
@@ -19,13 +19,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// By time, then by mapper; what has the same, as faces of a wide camera or two runs of a mapper, is numbered. Without
-/// dots, at which some trainers cut names off, and no longer than a file's name may be.
+/// By time, then by mapper; what has the same, as faces of a wide camera or two runs of a mapper, is numbered.
+/// Without dots, at which some trainers cut names off, and no longer than a file's name may be.
 std::string ImageNameOf(const PlacedKeyframe& keyframe, std::set<std::string>* names) {
   constexpr int64_t kSecond_ns = 1000000000;
-  char stamp[48];
-  std::snprintf(stamp, sizeof(stamp), "%010lld_%09lld", static_cast<long long>(keyframe.stamp_ns / kSecond_ns),
-                static_cast<long long>(keyframe.stamp_ns % kSecond_ns));
+  const std::string stamp = StringPrintf("%010lld_%09lld", static_cast<long long>(keyframe.stamp_ns / kSecond_ns),
+                                         static_cast<long long>(keyframe.stamp_ns % kSecond_ns));
   std::string mapper = keyframe.mapper;
   mapper.erase(0, mapper.find_first_not_of('/'));
   std::replace(mapper.begin(), mapper.end(), '/', '_');

@@ -72,15 +72,14 @@ void Validate(const DenseMapperOptions& options) {
     throw InvalidInputError(
         "preset acmm: needs the maps of all images at every scale, which only the offline schedule has");
   }
-  Validate(options.source_views);
-  Validate(options.depth_range);
+  CheckRange("max_source_views", options.max_source_views, 1, kMaxSelectedViews);
   Validate(options.poses);
   const DepthRange& fallback = options.fallback_depth_range;
   if (HasDepthRange(fallback)) CheckDepthRange("depth_min and depth_max", fallback);
   CheckRange("window_size", options.window_size, 2, kMaxWindowSize);
   CheckRange("lookahead", options.lookahead, 0, options.window_size - 1);
   CheckRange("min_source_views", options.min_source_views, 1,
-             std::min(options.source_views.max_source_views, options.window_size - 1));
+             std::min(options.max_source_views, options.window_size - 1));
 }
 
 OptionList OptionsOf(DenseMapperOptions* o) {
@@ -91,7 +90,7 @@ OptionList OptionsOf(DenseMapperOptions* o) {
   list.Number("lookahead", &o->lookahead, 0, kMaxWindowSize - 1, "",
               "Later keyframes that a refined map waits for, below window_size; 0: lowest latency")
       .WhileRunning();
-  list.Number("max_source_views", &o->source_views.max_source_views, 1, kMaxSourceViews, "",
+  list.Number("max_source_views", &o->max_source_views, 1, kMaxSourceViews, "",
               "Keyframes that each keyframe is matched against; time grows with it")
       .WhileRunning();
   list.Flag("refine_again", &o->refine_again,
@@ -117,7 +116,7 @@ struct DenseMapper::Impl {
        StopRequest* stop_request)
       : stop(stop_request != nullptr ? stop_request : &never),
         options(mapper_options),
-        window(options.source_views),
+        window(options.max_source_views),
         estimator(engine, options.pipeline),
         poses(options.poses),
         outputs(output_engine != nullptr ? output_engine : engine, output_engine != nullptr, std::move(callbacks),
@@ -342,8 +341,11 @@ struct DenseMapper::Impl {
   /// Sets the range of a capture's image where one is known.
   void FindDepthRange(const WindowKeyframePtr& image, const WindowCapture& capture) {
     const Frame& frame = *image->frame;
-    if (const auto range = DepthRangeFromLandmarks(frame.landmarks_in_world, frame.camera, frame.cam_from_world,
-                                                   options.depth_range)) {
+    std::optional<DepthRange> range;
+    if (options.use_landmarks) {
+      range = DepthRangeFromLandmarks(frame.landmarks_in_world, frame.camera, frame.cam_from_world);
+    }
+    if (range) {
       last_range = range;
       had_landmarks = true;
     } else if (!had_landmarks) {
@@ -367,7 +369,7 @@ struct DenseMapper::Impl {
     for (size_t later = 1; later < window.size() && others.size() < kRangeFrames; ++later) {
       others.push_back(window.WithLater(later).front()->frame);
     }
-    const auto range = DepthRangeFromMatches(frame, others, options.depth_range);
+    const auto range = DepthRangeFromMatches(frame, others);
     stop->Check();
     if (range && !last_range) {
       outputs.SubmitProblem("depth_range_by_matches",
@@ -380,8 +382,7 @@ struct DenseMapper::Impl {
 
   std::string DescribeLandmarks(size_t count) const {
     if (count == 0) return "no sparse points tell its depth range, nor do matches with earlier keyframes yet";
-    return Concat("of its ", count, " sparse points fewer than ", options.depth_range.min_landmarks,
-                  " are usable and in view");
+    return Concat("of its ", count, " sparse points fewer than ", kMinDepthLandmarks, " are usable and in view");
   }
 
   // What received poses are worth.
@@ -448,7 +449,7 @@ void DenseMapper::set_options(const DenseMapperOptions& options) {
   Validate(options);
   impl_->options = options;
   impl_->estimator.set_options(options.pipeline);
-  impl_->window.set_options(options.source_views);
+  impl_->window.set_max_source_views(options.max_source_views);
 }
 
 void DenseMapper::AddCapture(const Capture& capture) { impl_->Add(capture); }
@@ -460,7 +461,7 @@ void DenseMapper::Flush() { impl_->Flush(); }
 void DenseMapper::Reset() {
   impl_->outputs.WaitForAll();
   // Emptied first: the mapper is in order even if a callback throws.
-  const KeyframeWindow forgotten = std::exchange(impl_->window, KeyframeWindow(impl_->options.source_views));
+  const KeyframeWindow forgotten = std::exchange(impl_->window, KeyframeWindow(impl_->options.max_source_views));
   impl_->poses.Reset();
   impl_->last_range.reset();
   impl_->had_landmarks = false;

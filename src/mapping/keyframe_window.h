@@ -131,10 +131,10 @@ class KeyframeWindow {
  public:
   using const_iterator = std::deque<WindowCapture>::const_iterator;
 
-  explicit KeyframeWindow(const SourceViewOptions& options) : options_(options) {}
+  explicit KeyframeWindow(int max_source_views) : max_source_views_(max_source_views) {}
 
-  /// Scores under other options cannot be compared: what is in the window counts as what was used so far.
-  void set_options(const SourceViewOptions& options);
+  /// Scores of other numbers cannot be compared: what is in the window counts as what was used so far.
+  void set_max_source_views(int max_source_views);
 
   /// Adds a capture, which has an image, as the newest.
   WindowCapture Add(const Capture& capture);
@@ -172,7 +172,7 @@ class KeyframeWindow {
   static constexpr int kOfCapture = 2, kMapped = 1, kOther = 0;  ///< priorities
   Candidates CandidatesOf(const WindowKeyframe& keyframe) const;
 
-  SourceViewOptions options_;
+  int max_source_views_;
   std::deque<WindowCapture> captures_;
 };
 

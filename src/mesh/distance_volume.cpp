@@ -124,10 +124,9 @@ class BlockUpdate {
   /// @param voxel its centre in the camera's frame
   void Update(const Eigen::Vector3f& voxel, float* distance, float* weight, int32_t* color) const {
     const PinholeCamera& camera = view_.camera.camera;
-    if (!(voxel.z() > 0)) return;
-    const Eigen::Vector2d pixel = camera.Project(voxel.cast<double>());
-    if (!camera.Contains(pixel)) return;
-    const int col = static_cast<int>(std::floor(pixel.x() + 0.5)), row = static_cast<int>(std::floor(pixel.y() + 0.5));
+    const auto pixel = camera.PixelOf(voxel.cast<double>());
+    if (!pixel) return;
+    const int col = pixel->x(), row = pixel->y();
     if (!TakesPart(view_, col, row, options_.min_confidence)) return;
     const PixelPlane plane = PlaneAt(view_, col, row);
     if (plane.cosine <= 0) return;

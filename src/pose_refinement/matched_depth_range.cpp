@@ -43,8 +43,7 @@ std::vector<Eigen::Vector3d> FindPoints(const Frame& frame, const PosedView& anc
 
 }  // namespace
 
-std::optional<DepthRange> DepthRangeFromMatches(const Frame& frame, const std::vector<FramePtr>& others,
-                                                const DepthRangeOptions& options) {
+std::optional<DepthRange> DepthRangeFromMatches(const Frame& frame, const std::vector<FramePtr>& others) {
   const auto make_view = [](const Frame& f) { return MakeView(Concat("keyframe ", f.id), f.camera, f.gray, f.mask); };
   const View view = make_view(frame);
   const PosedView anchor = {&view, ToViewPose(frame.cam_from_world)};
@@ -58,7 +57,7 @@ std::optional<DepthRange> DepthRangeFromMatches(const Frame& frame, const std::v
     const bool is_power_of_two = (count & (count - 1)) == 0;
     if (!is_power_of_two && count < std::min(others.size(), kMostOthers)) continue;
     const std::optional<DepthRange> range =
-        DepthRangeFromLandmarks(FindPoints(frame, anchor, corners, posed), frame.camera, frame.cam_from_world, options);
+        DepthRangeFromLandmarks(FindPoints(frame, anchor, corners, posed), frame.camera, frame.cam_from_world);
     if (range || count >= kMostOthers) return range;
   }
   return std::nullopt;

@@ -102,8 +102,9 @@ class LruCache {
 class FrameStore {
  public:
   /// Reads them from their files, the ones used last kept in memory. @param scene outlives this
-  FrameStore(const Scene& scene, const FrameOptions& options, size_t max_bytes)
-      : load_([&scene, options](int index) { return std::make_shared<const Frame>(LoadFrame(scene, index, options)); }),
+  /// @param max_size of MakeFrame
+  FrameStore(const Scene& scene, int max_size, size_t max_bytes)
+      : load_([=, &scene](int index) { return std::make_shared<const Frame>(LoadFrame(scene, index, max_size)); }),
         cache_(max_bytes) {}
 
   /// All of them, in memory. @param frames of scene index 0, 1, ..., with that as their id

@@ -24,11 +24,11 @@ class OnlineSchedule {
       : run_(*run), mapper_(run->devices.Engine(0, 0).engine, MapperOptions(*run), Callbacks()) {}
 
   void Run() {
-    const FrameOptions frame_options = {run_.options.max_image_size};
     Capture capture;  // of the faces of a wide image
     for (size_t i = 0; i < run_.plan.images.size(); ++i) {
       Timer timer;
-      auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, run_.plan.images[i].index, frame_options));
+      auto frame =
+          std::make_shared<Frame>(LoadFrame(run_.scene, run_.plan.images[i].index, run_.options.max_image_size));
       // What a PointCloud2 carries is in float: with the same bits the nodelet's maps are the same.
       for (Eigen::Vector3d& p : frame->landmarks_in_world) p -= run_.plan.origin;
       frame->landmarks_in_world = RoundedToFloat(frame->landmarks_in_world);

@@ -7,13 +7,13 @@
 #include <array>
 #include <cerrno>
 #include <cstdint>
-#include <cstdio>
 #include <cstring>
 #include <fstream>
 #include <map>
 #include <regex>
 #include <sstream>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/output_file.h"
 
@@ -98,13 +98,6 @@ void Remove(const std::filesystem::path& path) {
   std::error_code error;
   std::filesystem::remove_all(path, error);
   if (error) throw ProcessingError(Concat("cannot remove ", path.string(), ": ", error.message()));
-}
-
-/// "000012"
-std::string SixDigits(int number) {
-  char text[16];
-  std::snprintf(text, sizeof(text), "%06d", number);
-  return text;
 }
 
 /// A file, or of a folder what a run writes there: what others have put beside it stays.
@@ -246,7 +239,7 @@ void OutputFolder::StartAfresh() {
 }
 
 std::filesystem::path OutputFolder::WorkFile(const std::filesystem::path& output, const std::string& kind, int number) {
-  return output / kWorkName / kind / (SixDigits(number) + ".bin");
+  return output / kWorkName / kind / StringPrintf("%06d.bin", number);
 }
 
 std::filesystem::path OutputFolder::MakeWorkFolder(const std::string& kind) const {
@@ -259,7 +252,7 @@ std::filesystem::path OutputFolder::MakeWorkFolder(const std::string& kind) cons
 void OutputFolder::RemoveWork() const { Remove(path_ / kWorkName); }
 
 std::filesystem::path OutputFolder::MapFile(const std::string& kind, int index, const std::string& suffix) const {
-  return path_ / kind / (SixDigits(index) + suffix);
+  return path_ / kind / (StringPrintf("%06d", index) + suffix);
 }
 
 }  // namespace acmp

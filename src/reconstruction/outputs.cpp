@@ -42,7 +42,7 @@ class ImageFiles {
     std::set<int> missing;
     if (!writes_any_) return missing;
     for (int index : images) {
-      if (ReadWorkFile(RecordOf(index)) != ChecksumsOf(index)) missing.insert(index);
+      if (ReadWorkFile(RecordOf(index)) != ChecksumsOfFiles(index)) missing.insert(index);
     }
     return missing;
   }
@@ -116,14 +116,10 @@ class ImageFiles {
     return files;
   }
 
-  /// "none" for a file that is missing.
-  std::string ChecksumsOf(int index) const {
-    std::string checksums;
-    for (const File& file : FilesOf(index, {}, nullptr)) {
-      const std::optional<uint32_t> checksum = ChecksumOfFile(file.path);
-      checksums += checksum ? Concat(*checksum, " ") : "none ";
-    }
-    return checksums;
+  std::string ChecksumsOfFiles(int index) const {
+    std::vector<Path> paths;
+    for (const File& file : FilesOf(index, {}, nullptr)) paths.push_back(file.path);
+    return ChecksumsOf(paths);
   }
 
   void WriteFiles(int index, const FinalMaps& maps) {
@@ -137,7 +133,7 @@ class ImageFiles {
     if (run_.options.colmap) WriteColmapMaps(run_, index, maps);
     run_.Count(&RunTimes::writing_ms, timer.Lap());
     run_.interrupt.Check();
-    if (!run_.options.stage.empty()) WriteWorkFile(RecordOf(index), ChecksumsOf(index));
+    if (!run_.options.stage.empty()) WriteWorkFile(RecordOf(index), ChecksumsOfFiles(index));
     run_.progress.Step();
     const std::lock_guard<std::mutex> lock(run_.mutex);
     too_far_ += too_far;
@@ -215,8 +211,7 @@ CloudSize RunAndWriteResults(ReconstructRun* run) {
   std::optional<TiledCloud> tiles;  // where the points go: into these, or into the file
   std::optional<PlyFile> file;
   if (run->options.tile_size) {
-    const size_t bytes = run->options.MemoryBytes(run->options.kTileShare);
-    tiles.emplace(run->folder, *run->options.tile_size, bytes, run->plan.origin);
+    tiles.emplace(run->folder, *run->options.tile_size, run->plan.origin);
   } else {
     file.emplace(run->folder->path() / "fused.ply", Durability::kPowerCut, run->plan.origin);
   }

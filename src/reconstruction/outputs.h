@@ -1,6 +1,6 @@
 #pragma once
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
 #include <filesystem>
@@ -33,8 +33,7 @@ void WriteColmapWorkspace(const ReconstructRun& run, const std::set<int>& images
 
 /// A run's points in cubic tiles of the scene's frame. OUTPUT/tiles/X_Y_Z.ply has those whose coordinates divided by
 /// the tile size, rounded down, are X, Y and Z, in the order in which they came. OUTPUT/tiles/index.json lists the
-/// files. Points wait in memory up to a number of bytes, beyond in a work file for each tile, so that a cloud of any
-/// size can be cut. By one thread at a time.
+/// files. Points wait in a work file for each tile, so that a cloud of any size can be cut. By one thread at a time.
 class TiledCloud {
  public:
   static constexpr size_t kMaxTiles = 1000000;
@@ -42,10 +41,8 @@ class TiledCloud {
 
   /// @param folder outlives this
   /// @param tile_size scene units, positive and finite
-  /// @param max_bytes of points in memory, at least 5 MB. Each tile takes some 150 bytes besides
   /// @param origin of the points' coordinates, which is added (WritePly)
-  TiledCloud(const OutputFolder* folder, double tile_size, size_t max_bytes,
-             const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
+  TiledCloud(const OutputFolder* folder, double tile_size, const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
 
   /// Adds points after all that came before. Throws InvalidInputError for a tile size so small that a tile's number is
   /// not within +-kMaxTileNumber, or that there are more than kMaxTiles tiles; ProcessingError when a work file cannot
@@ -62,31 +59,23 @@ class TiledCloud {
  private:
   using TileNumber = std::array<int64_t, 3>;
 
-  /// All points of a tile: those in its work file come before those in memory.
   struct Tile {
     size_t points = 0;
-    Vec3f min, max;  ///< of the positions, before the origin is added
-    PointCloud in_memory;
+    Eigen::AlignedBox3f box;  ///< of the positions, before the origin is added
   };
 
   TileNumber NumberOf(const Vec3f& position) const;
-  Tile* TileOf(const Vec3f& position);
   std::filesystem::path WorkFileOf(const TileNumber& number) const;
-  /// Moves all points in memory to the work files.
-  void MoveToFiles();
   void WriteTile(const TileNumber& number, const Tile& tile) const;
   void WriteIndex() const;
 
   const OutputFolder& folder_;
   const double tile_size_;
-  const size_t max_points_;
   const Eigen::Vector3d origin_;
   const std::filesystem::path tiles_folder_;
-  std::filesystem::path work_folder_;  ///< empty: all points are in memory
-
+  const std::filesystem::path work_folder_;
   std::map<TileNumber, Tile> tiles_;
-  std::pair<const TileNumber, Tile>* last_tile_ = nullptr;  ///< most often the next point's, too
-  size_t points_ = 0, in_memory_ = 0;
+  size_t points_ = 0;
 };
 
 }  // namespace acmp

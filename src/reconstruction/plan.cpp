@@ -1,5 +1,7 @@
 #include "plan.h"
 
+#include <tbb/parallel_for.h>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -9,6 +11,7 @@
 #include "acmp_mapping/fusion/depth_fusion.h"
 #include "acmp_mapping/geometry/local_origin.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
+#include "acmp_mapping/keyframe/source_view_selection.h"
 
 namespace acmp {
 namespace {
@@ -50,6 +53,23 @@ std::vector<int> SourcesOfDataset(const Scene& scene, const ImagePlan& plan, con
   return sources;
 }
 
+/// Source views of the images for which the dataset names none, among all of these.
+void ChooseSourceViews(const Scene& scene, int max_sources, std::vector<ImagePlan>* images) {
+  std::vector<SourceViewCandidate> candidates;
+  for (const ImagePlan& plan : *images) {
+    const SceneImage& image = scene.images[static_cast<size_t>(plan.index)];
+    candidates.push_back({{image.camera, image.cam_from_world}});
+  }
+  tbb::parallel_for(size_t{0}, images->size(), [&](size_t i) {
+    ImagePlan& plan = (*images)[i];
+    const double depth = TypicalDepth(plan.range);  // 0: no image has a range
+    if (!scene.images[static_cast<size_t>(plan.index)].ranked_sources.empty() || !(depth > 0)) return;
+    for (const auto& view : SelectSourceViews(candidates[i].view, depth, candidates, max_sources).views) {
+      plan.sources.push_back((*images)[view.index].index);
+    }
+  });
+}
+
 /// @param levels how often the image will be halved
 void CheckSize(const SceneImage& image, const PinholeCamera& matched, int levels) {
   const int least = 1 << levels;
@@ -71,12 +91,12 @@ std::optional<DepthRange> LandmarkRange(const Scene& scene, const SceneImage& im
   if (!image.mask.empty()) {
     landmarks = WithoutMasked(std::move(landmarks), image.camera, image.cam_from_world, LoadMask(image));
   }
-  return DepthRangeFromLandmarks(landmarks, image.camera, image.cam_from_world, DepthRangeOptions());
+  return DepthRangeFromLandmarks(landmarks, image.camera, image.cam_from_world);
 }
 
 std::string NoRange(const SceneImage& image) {
   return Concat("no depth range: the dataset names none, and of its ", image.landmark_indices.size(),
-                " landmarks fewer than ", DepthRangeOptions().min_landmarks,
+                " landmarks fewer than ", kMinDepthLandmarks,
                 " are in view; give a depth range (--depth-min and --depth-max)");
 }
 
@@ -165,15 +185,7 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
     image.sources = SourcesOfDataset(scene, image, taking_part, options.source_views, &plan.warnings);
     plan.images.push_back(std::move(image));
   }
-  std::vector<double> depths;  // of images for which the dataset names no source views
-  for (const ImagePlan& image : plan.images) {
-    const bool chooses = scene.images[image.index].ranked_sources.empty() && image.range.max > 0;
-    depths.push_back(chooses ? TypicalDepth(image.range) : 0);
-  }
-  std::vector<std::vector<int>> chosen = ChooseSourceViews(scene, indices, depths, options.source_views);
-  for (size_t i = 0; i < depths.size(); ++i) {
-    if (depths[i] > 0) plan.images[i].sources = std::move(chosen[i]);
-  }
+  ChooseSourceViews(scene, options.source_views, &plan.images);
   const auto needed = static_cast<size_t>(MinSourceViews(options));
   for (ImagePlan& image : plan.images) {
     if (image.sources.size() >= needed || !image.no_map.empty()) continue;

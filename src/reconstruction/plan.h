@@ -1,7 +1,8 @@
 #pragma once
 
-#include <cstdint>
+#include <filesystem>
 #include <functional>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
@@ -29,24 +30,16 @@ std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<
 void CheckPriorDepths(const ReconstructOptions& options, const std::vector<int>& indices, const Scene& scene,
                       Progress* progress);
 
-/// Of the content of each image's files: itself, its mask, its prior depth. Reads them, without decoding, side by side.
-/// Throws Interrupted.
+/// Of the content of each image's files: itself, its mask, its prior depth (ChecksumsOf). Reads them, without decoding,
+/// side by side. Throws Interrupted.
 /// @param also is called for each, in any thread
-std::vector<uint64_t> HashFiles(const Scene& scene, const std::vector<int>& indices, const StopRequest& interrupt,
-                                const std::function<void(int index)>& also);
+std::vector<std::string> HashFiles(const Scene& scene, const std::vector<int>& indices, const StopRequest& interrupt,
+                                   const std::function<void(int index)>& also);
 
 /// Of all that a run reads: files, cameras, poses, landmarks, ranges and source views that the dataset names.
 /// @param files what HashFiles says of the image at the same place of `indices`
-/// @return 16 digits
-std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<uint64_t>& files);
-
-/// Source views of each image among the images of a scene, as scene indices, most useful first. Without looking at all
-/// pairs: SelectSourceViews gives the same for the images around, once none of those farther away could be worth as
-/// much as the least of what it chose.
-/// @param indices of the images that take part, ascending
-/// @param typical_depths see SelectSourceViews, of the image at the same place; 0: it gets no source views
-std::vector<std::vector<int>> ChooseSourceViews(const Scene& scene, const std::vector<int>& indices,
-                                                const std::vector<double>& typical_depths, int max_sources);
+/// @return 8 digits
+std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<std::string>& files);
 
 /// What to do with one image of the scene.
 struct ImagePlan {
@@ -100,6 +93,17 @@ ReconstructPlan MakeOnlinePlan(const Scene& scene, const std::vector<int>& indic
 
 /// All the depths that the dataset names for the images, with the same margin as offline; 0, 0 when it names none.
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);
+
+/// The content of a plan's file: the plan and its images.
+/// @param files what HashFiles says of each image of the plan
+/// @param root of the scene; paths below are relative to it, so that machines may have it at different places
+std::string FormatPlan(const Scene& scene, const ReconstructPlan& plan, const std::vector<std::string>& files,
+                       const std::filesystem::path& root);
+/// Back again. Images keep their indices in the scene and are without landmarks and ranking, which only the plan is
+/// made of.
+/// @param files by scene index
+void ParsePlan(const std::string& content, const std::filesystem::path& root, Scene* scene, ReconstructPlan* plan,
+               std::map<int, std::string>* files);
 
 /// Of an image as stored, at the size at which it is matched.
 PinholeCamera MatchedCamera(const SceneImage& image, const ReconstructOptions& options);

@@ -4,19 +4,15 @@
 #include <cmath>
 #include <cstdio>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
 
 std::string FormatDuration(double seconds) {
   const auto total = static_cast<long long>(std::llround(std::max(0.0, seconds)));
-  char text[40];
-  if (total >= 3600) {
-    std::snprintf(text, sizeof(text), "%lld:%02lld:%02lld", total / 3600, total / 60 % 60, total % 60);
-  } else {
-    std::snprintf(text, sizeof(text), "%lld:%02lld", total / 60, total % 60);
-  }
-  return text;
+  if (total < 3600) return StringPrintf("%lld:%02lld", total / 60, total % 60);
+  return StringPrintf("%lld:%02lld:%02lld", total / 3600, total / 60 % 60, total % 60);
 }
 
 Progress::Progress(std::ostream* stream, ProgressStyle style) : stream_(stream), style_(style) {}

@@ -104,7 +104,7 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   const std::optional<Lens> lens = RefineScenePoses(plan, options, interrupt, &scene, &progress);
   interrupt.Check();
   CheckSizes(scene, indices, options);
-  FrameStore frames(scene, {options.max_image_size}, options.MemoryBytes(options.kImageShare));
+  FrameStore frames(scene, options.max_image_size, options.MemoryBytes(options.kImageShare));
   if (plans) return PlanStages(scene, plan, options, interrupt, &frames, &progress, out);
   progress.Note(Concat("checking ", indices.size(), " images"));
   const std::vector<FileStamps> stamps = StampsOf(scene, indices);

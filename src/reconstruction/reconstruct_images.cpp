@@ -29,16 +29,15 @@ void CheckSources(const std::string& name, int index, const std::vector<int>& so
 
 /// Throws InvalidInputError for an image that does not fit its camera, pose, mask or source views; leaves all but the
 /// pixels.
-std::vector<FramePtr> MakeFrames(std::vector<InputImage>* images, const FrameOptions& options,
-                                 const StopRequest& interrupt) {
+std::vector<FramePtr> MakeFrames(std::vector<InputImage>* images, int max_size, const StopRequest& interrupt) {
   std::vector<FramePtr> frames(images->size());
   tbb::parallel_for(size_t{0}, images->size(), [&](size_t i) {
     InputImage& image = (*images)[i];
     const std::string name = "image " + image.name;
     try {
-      frames[i] =
-          std::make_shared<const Frame>(MakeFrame(static_cast<int64_t>(i), 0.0, std::move(image.color), image.camera,
-                                                  image.cam_from_world, image.landmarks_in_world, options, image.mask));
+      frames[i] = std::make_shared<const Frame>(MakeFrame(static_cast<int64_t>(i), 0.0, std::move(image.color),
+                                                          image.camera, image.cam_from_world, image.landmarks_in_world,
+                                                          max_size, image.mask));
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(name, ": ", error.what()));
     }
@@ -121,7 +120,7 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
                                       const DeviceMaker& make_devices, StopRequest* interrupt) {
   Validate(options);
   if (images.empty()) throw InvalidInputError("number of images = 0: must be at least 1");
-  FrameStore frames(MakeFrames(&images, {options.max_image_size}, *interrupt));
+  FrameStore frames(MakeFrames(&images, options.max_image_size, *interrupt));
   Scene scene = MakeScene(images);
   std::vector<int> indices(images.size());
   std::iota(indices.begin(), indices.end(), 0);

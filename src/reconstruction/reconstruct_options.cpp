@@ -3,7 +3,6 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
@@ -120,7 +119,6 @@ OptionList OptionsOf(ReconstructOptions* o) {
   list.Flag("--no-pictures", &o->no_pictures, "No colour pictures of the maps");
   list.Flag("--overwrite", &o->overwrite, "Start afresh: remove what an earlier run left in OUTPUT");
   list.Flag("--keep-work", &o->keep_work, "Keep OUTPUT/work at the end");
-  list.Flag("--timings", &o->timings, "Print the time per stage and image");
   list.Flag("--quiet", &o->quiet, "No progress; only warnings and errors");
 
   list.Group(kStageGroup);
@@ -317,7 +315,7 @@ PipelineOptions MakePipelineOptions(const ReconstructOptions& options) {
 DenseMapperOptions MakeMapperOptions(const ReconstructOptions& options, const DepthRange& dataset_range) {
   DenseMapperOptions mapper;
   mapper.pipeline = MakePipelineOptions(options);
-  mapper.source_views.max_source_views = options.source_views;
+  mapper.max_source_views = options.source_views;
   mapper.poses = options.pose_refinement;
   mapper.window_size = options.window_size;
   mapper.lookahead = options.lookahead;
@@ -326,8 +324,7 @@ DenseMapperOptions MakeMapperOptions(const ReconstructOptions& options, const De
   mapper.fallback_depth_range = dataset_range;
   if (options.depth_min && options.depth_max) {
     mapper.fallback_depth_range = {static_cast<float>(*options.depth_min), static_cast<float>(*options.depth_max)};
-    // A range given by hand counts more than the landmarks: no image has enough of them for one of its own.
-    mapper.depth_range.min_landmarks = std::numeric_limits<int>::max();
+    mapper.use_landmarks = false;  // what is given by hand counts more
   }
   return mapper;
 }

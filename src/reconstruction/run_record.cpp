@@ -1,7 +1,6 @@
 #include "run.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -75,21 +74,6 @@ std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, co
   if (cloud.tiles) summary["tiles"] = *cloud.tiles;
   if (!failure.empty()) summary["failure"] = failure;
   return summary.dump(2) + "\n";
-}
-
-/// Table of milliseconds per stage, in all and per image.
-std::string FormatTimings(const RunTimes& times) {
-  const ClassicLocale point;
-  char line[128];
-  std::snprintf(line, sizeof(line), "%-48s %12s %12s\n", Concat("stage (", times.images, " images)").c_str(), "ms",
-                "ms per image");
-  std::string text = line;
-  const int images = std::max(1, times.images);
-  for (const auto& [name, ms] : Rows(times)) {
-    std::snprintf(line, sizeof(line), "%-48s %12.1f %12.2f\n", name, ms, ms / images);
-    text += line;
-  }
-  return text;
 }
 
 }  // namespace
@@ -201,7 +185,6 @@ void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& dev
     *out << run->folder->path().string() << ": " << cloud.points << " points in " << DescribeFiles(cloud) << "; took "
          << FormatDuration(run->times.run_ms / 1000) << " on " << device << std::endl;
   }
-  if (run->options.timings) *out << FormatTimings(run->times) << std::flush;
   if (!failure.empty()) throw ProcessingError(failure);
 }
 

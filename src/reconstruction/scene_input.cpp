@@ -1,10 +1,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <cstdio>
-#include <fstream>
 #include <map>
-#include <type_traits>
 
 #include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
@@ -55,13 +52,10 @@ Lens FoundLens(const SceneImage& image, const CameraErrors& errors) {
 }
 
 std::string Describe(const PoseRefinement& refinement, const PinholeCamera& camera, bool frees) {
-  const ClassicLocale point;
-  char text[256];
-  std::snprintf(text, sizeof(text),
-                "poses: matches that took no part lie %.2f px (median of %d) from their epipolar lines as received, "
-                "%.2f px with refined poses; ",
-                refinement.received_fit.median_px, refinement.received_fit.matches, refinement.refined_fit.median_px);
-  std::string message = text;
+  std::string message = StringPrintf(
+      "poses: matches that took no part lie %.2f px (median of %d) from their epipolar lines as received, "
+      "%.2f px with refined poses; ",
+      refinement.received_fit.median_px, refinement.received_fit.matches, refinement.refined_fit.median_px);
   message += refinement.changed ? Concat("refined poses are used (", refinement.landmarks, " landmarks)")
                                 : "poses stay as they are: " + refinement.reason;
   if (refinement.bent) {
@@ -69,79 +63,12 @@ std::string Describe(const PoseRefinement& refinement, const PinholeCamera& came
   }
   if (!refinement.checks.has_camera_errors) return message;
   const CameraErrors& errors = *refinement.checks.camera_errors;
-  std::snprintf(
-      text, sizeof(text),
-      "; calibration leaves radial distortion k1 = %.4f, k2 = %.4f (%.1f px at the corner), rows are read out "
-      "in %.3f of the time from image to image%s",
-      errors.k1, errors.k2, DistortionShift(camera, errors, 1), errors.readout,
-      refinement.changed && frees ? ": both are taken out of the images" : "");
-  return message + text;
-}
-
-/// FNV-1a, 64 bit: tells inputs apart, guards against no attacker.
-class Hash {
- public:
-  void AddBytes(const void* data, size_t bytes) {
-    for (const auto* p = static_cast<const unsigned char*>(data); bytes > 0; ++p, --bytes) {
-      value_ = (value_ ^ *p) * 1099511628211u;
-    }
-  }
-  template <class T>
-  void Add(const T& value) {
-    static_assert(std::is_arithmetic_v<T>);
-    AddBytes(&value, sizeof(value));
-  }
-  void Add(const std::string& text) {
-    Add(text.size());
-    AddBytes(text.data(), text.size());
-  }
-  uint64_t value() const { return value_; }
-
- private:
-  uint64_t value_ = 14695981039346656037u;
-};
-
-void AddFile(const std::filesystem::path& path, Hash* hash) {
-  hash->Add(!path.empty());
-  if (path.empty()) return;
-  std::ifstream stream(path, std::ios::binary);
-  std::vector<char> block(1 << 20);
-  size_t bytes = 0;
-  while (stream) {
-    stream.read(block.data(), static_cast<std::streamsize>(block.size()));
-    hash->AddBytes(block.data(), static_cast<size_t>(stream.gcount()));
-    bytes += static_cast<size_t>(stream.gcount());
-  }
-  hash->Add(bytes);
-}
-
-/// Camera, pose, landmarks, range and source views.
-void AddGeometry(const Scene& scene, const SceneImage& image, Hash* hash) {
-  hash->Add(image.name);
-  const PinholeCamera& c = image.camera;
-  for (double value : {c.fx, c.fy, c.cx, c.cy}) hash->Add(value);
-  hash->Add(c.width);
-  hash->Add(c.height);
-  hash->Add(static_cast<int>(image.distortion.model));
-  for (double value : image.distortion.coefficients) hash->Add(value);
-  if (image.field_of_view != 0) hash->Add(image.field_of_view);
-  if (image.face) {
-    const PinholeCamera& file = image.face->file_camera;
-    for (double value : {file.fx, file.fy, file.cx, file.cy}) hash->Add(value);
-    hash->AddBytes(image.face->lens_from_face.data(), 9 * sizeof(double));
-  }
-  hash->AddBytes(image.readout.turn.data(), 3 * sizeof(double));
-  hash->AddBytes(image.readout.move.data(), 3 * sizeof(double));
-  hash->AddBytes(image.cam_from_world.matrix().data(), 16 * sizeof(double));
-  hash->AddBytes(image.placed_from_world.matrix().data(), 16 * sizeof(double));
-  for (int landmark : image.landmark_indices) {
-    hash->AddBytes(scene.landmarks_in_world[static_cast<size_t>(landmark)].data(), 3 * sizeof(double));
-  }
-  hash->Add(image.landmark_indices.size());
-  hash->Add(image.depth_range ? image.depth_range->min : 0.0f);
-  hash->Add(image.depth_range ? image.depth_range->max : 0.0f);
-  for (int source : image.ranked_sources) hash->Add(source);
-  hash->Add(image.ranked_sources.size());
+  return message +
+         StringPrintf(
+             "; calibration leaves radial distortion k1 = %.4f, k2 = %.4f (%.1f px at the corner), rows are read out "
+             "in %.3f of the time from image to image%s",
+             errors.k1, errors.k2, DistortionShift(camera, errors, 1), errors.readout,
+             refinement.changed && frees ? ": both are taken out of the images" : "");
 }
 
 /// Gives all faces of a wide image the refined pose of one of them.
@@ -230,9 +157,8 @@ std::optional<Lens> RefineScenePoses(const ReconstructPlan& plan, const Reconstr
   if (options.pose_refinement.refine == RefinePoses::kOff || options.online()) return std::nullopt;
   progress->Note("refining poses");
   const std::vector<int> indices = PosedImages(plan, *scene);
-  const FrameOptions frame_options = {options.max_image_size};
   const auto load = [&](size_t i) {
-    Frame frame = LoadFrame(*scene, indices[i], frame_options);
+    Frame frame = LoadFrame(*scene, indices[i], options.max_image_size);
     return ImagePixels{std::move(frame.gray), std::move(frame.mask)};
   };
   const auto can_be_freed = [&](int index) { return CanBeFreed(scene->images[static_cast<size_t>(index)]); };
@@ -254,33 +180,6 @@ std::optional<Lens> RefineScenePoses(const ReconstructPlan& plan, const Reconstr
   }
   progress->Note(Describe(refinement, first.camera, frees));
   return is_one ? found : std::nullopt;
-}
-
-std::vector<uint64_t> HashFiles(const Scene& scene, const std::vector<int>& indices, const StopRequest& interrupt,
-                                const std::function<void(int index)>& also) {
-  std::vector<uint64_t> hashes(indices.size());
-  tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
-    interrupt.Check();
-    also(indices[i]);
-    Hash hash;
-    const SceneImage& image = scene.images[static_cast<size_t>(indices[i])];
-    for (const auto& path : {image.path, image.mask, image.prior_depth}) AddFile(path, &hash);
-    hashes[i] = hash.value();
-  });
-  interrupt.Check();
-  return hashes;
-}
-
-std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<uint64_t>& files) {
-  Hash hash;
-  for (size_t i = 0; i < indices.size(); ++i) {
-    hash.Add(indices[i]);
-    hash.Add(files.at(i));
-    AddGeometry(scene, scene.images[static_cast<size_t>(indices[i])], &hash);
-  }
-  char text[17];
-  std::snprintf(text, sizeof(text), "%016llx", static_cast<unsigned long long>(hash.value()));
-  return text;
 }
 
 }  // namespace acmp

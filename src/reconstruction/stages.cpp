@@ -34,89 +34,6 @@ std::filesystem::path PlanFile(const std::filesystem::path& output) {
   return OutputFolder::WorkFile(output, "plan", 0);
 }
 
-/// Below the root relative to it, so that machines may have it at different places.
-std::string RelativePath(const std::filesystem::path& path, const std::filesystem::path& root) {
-  const std::filesystem::path relative = path.lexically_relative(root);
-  return relative.empty() || *relative.begin() == ".." ? path.string() : relative.string();
-}
-
-// Values of the plan's file: Put writes one, Take reads it.
-
-template <class T>
-Json Put(const T& value) {
-  return value;
-}
-template <class T>
-void Take(const Json& json, T* value) {
-  *value = json.get<T>();
-}
-Json Put(const std::filesystem::path& path) { return path.string(); }
-void Take(const Json& json, std::filesystem::path* path) { *path = json.get<std::string>(); }
-template <int rows, int cols>
-Json Put(const Eigen::Matrix<double, rows, cols>& matrix) {
-  return std::vector<double>(matrix.data(), matrix.data() + matrix.size());
-}
-template <int rows, int cols>
-void Take(const Json& json, Eigen::Matrix<double, rows, cols>* matrix) {
-  const auto numbers = json.get<std::vector<double>>();
-  if (numbers.size() != static_cast<size_t>(matrix->size())) throw ProcessingError("the plan's file has another form");
-  std::copy(numbers.begin(), numbers.end(), matrix->data());
-}
-Json Put(const PinholeCamera& c) { return {c.width, c.height, c.fx, c.fy, c.cx, c.cy}; }
-void Take(const Json& json, PinholeCamera* camera) {
-  *camera = {json.at(0), json.at(1), json.at(2), json.at(3), json.at(4), json.at(5)};
-}
-Json Put(const std::optional<FaceOfImage>& face) {
-  return face ? Json{Put(face->file_camera), Put(face->lens_from_face)} : Json();
-}
-void Take(const Json& json, std::optional<FaceOfImage>* face) {
-  if (json.is_null()) return;
-  Take(json.at(0), &face->emplace().file_camera);
-  Take(json.at(1), &(*face)->lens_from_face);
-}
-
-/// visit(name, value) for all that the plan's file has of an image.
-/// @param path relative to the scene's root
-/// @param files what HashFiles says
-template <class Image, class Plan, class Path, class Hash, class Visit>
-void VisitImage(Image* image, Plan* plan, Path* path, Hash* files, const Visit& visit) {
-  visit("index", &plan->index);
-  visit("near", &plan->range.min);
-  visit("far", &plan->range.max);
-  visit("sources", &plan->sources);
-  visit("no_map", &plan->no_map);
-  visit("files", files);
-  visit("name", &image->name);
-  visit("path", path);
-  visit("mask", &image->mask);
-  visit("prior_depth", &image->prior_depth);
-  visit("camera", &image->camera);
-  visit("distortion", &image->distortion.model);
-  visit("coefficients", &image->distortion.coefficients);
-  visit("field_of_view", &image->field_of_view);
-  visit("face", &image->face);
-  visit("turn", &image->readout.turn);
-  visit("move", &image->readout.move);
-  visit("pose", &image->cam_from_world.matrix());
-  visit("placed", &image->placed_from_world.matrix());
-}
-
-/// The content of the plan's file.
-/// @param files HashFiles of each image of the plan
-std::string FormatPlan(const Scene& scene, const ReconstructPlan& plan, const std::vector<uint64_t>& files,
-                       const std::filesystem::path& root) {
-  Json json = {{"origin", Put(plan.origin)}, {"images", Json::array()}};
-  for (size_t i = 0; i < plan.images.size(); ++i) {
-    const SceneImage& image = scene.images[static_cast<size_t>(plan.images[i].index)];
-    const std::string path = RelativePath(image.path, root);
-    Json view;
-    VisitImage(&image, &plan.images[i], &path, &files[i],
-               [&](const char* name, const auto* value) { view[name] = Put(*value); });
-    json["images"].push_back(std::move(view));
-  }
-  return json.dump();
-}
-
 /// The stages of each chunk in their order: the steps of the schedule, and maps.
 std::vector<std::string> StagesOfChunk(const ReconstructOptions& options) {
   const int final_step = static_cast<int>(ScheduleOf(MakePipelineOptions(options)).size()) - 1;
@@ -164,28 +81,15 @@ struct PlannedScene {
 
   Scene scene;  ///< without landmarks and ranking, which only the plan is made of
   ReconstructPlan plan;
-  std::map<int, uint64_t> files;  ///< HashFiles when it was planned, by scene index
+  std::map<int, std::string> files;  ///< HashFiles when it was planned, by scene index
   FrameStore frames;
 };
 
 PlannedScene::PlannedScene(const ReconstructOptions& options)
-    : frames(scene, {options.max_image_size}, options.MemoryBytes(options.kImageShare)) {
+    : frames(scene, options.max_image_size, options.MemoryBytes(options.kImageShare)) {
   const std::optional<std::string> content = ReadWorkFile(PlanFile(options.output));
   if (!content) throw InvalidInputError(Concat(options.output.string(), ": has no plan: give --plan first"));
-  const Json json = Json::parse(*content);
-  Take(json.at("origin"), &plan.origin);
-  for (const Json& view : json.at("images")) {
-    SceneImage image;
-    uint64_t hash = 0;
-    std::string path;
-    VisitImage(&image, &plan.images.emplace_back(), &path, &hash,
-               [&](const char* name, auto* value) { Take(view.at(name), value); });
-    image.path = options.scene / path;
-    const int index = plan.images.back().index;
-    files[index] = hash;
-    scene.images.resize(static_cast<size_t>(index) + 1);
-    scene.images.back() = std::move(image);
-  }
+  ParsePlan(*content, options.scene, &scene, &plan, &files);
 }
 
 /// Does stages, one after the other. Devices, the plan and images are kept from one to the next: images within their
@@ -259,7 +163,7 @@ class StageRunner {
   /// Throws InvalidInputError unless the images are what they were when they were planned.
   void CheckContent(const std::set<int>& images) const {
     const std::vector<int> indices(images.begin(), images.end());
-    const std::vector<uint64_t> now = HashFiles(planned_->scene, indices, interrupt_, [](int) {});
+    const std::vector<std::string> now = HashFiles(planned_->scene, indices, interrupt_, [](int) {});
     for (size_t i = 0; i < indices.size(); ++i) {
       if (now[i] == planned_->files.at(indices[i])) continue;
       throw InvalidInputError(
@@ -306,7 +210,7 @@ std::string Failure(int exit_code, std::string message) {
 void PlanStages(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options,
                 const StopRequest& interrupt, FrameStore* frames, Progress* progress, std::ostream* out) {
   ReportImagesWithoutMap(plan, scene, progress);
-  const std::vector<uint64_t> files = HashFiles(scene, plan.Indices(), interrupt, [&](int index) {
+  const std::vector<std::string> files = HashFiles(scene, plan.Indices(), interrupt, [&](int index) {
     if (!plan.HasMap(index)) frames->Get(index);
   });
   const RunRecord record = MakeRecord(options, "", InputHash(scene, plan.Indices(), files));

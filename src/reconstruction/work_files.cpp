@@ -22,11 +22,6 @@ struct WorkHeader {
   uint64_t bytes = 0;           ///< of the content
 };
 
-uint32_t AddToChecksum(uint32_t checksum, const void* data, size_t bytes) {
-  if (bytes == 0) return checksum;  // zlib would begin anew
-  return static_cast<uint32_t>(crc32_z(checksum, static_cast<const Bytef*>(data), bytes));
-}
-
 /// Some bytes in memory.
 using Piece = std::pair<const void*, size_t>;
 
@@ -105,7 +100,33 @@ void ReadMaps(const std::filesystem::path& path, Image<Pixels>*... maps) {
   throw ProcessingError(Concat("the work file ", path.string(), " is damaged: the same command again makes it anew"));
 }
 
+/// Nothing where it cannot be read.
+std::optional<uint32_t> ChecksumOfFile(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return std::nullopt;
+  std::vector<char> block(kReadAtOnce);
+  uint32_t checksum = 0;
+  while (file.read(block.data(), static_cast<std::streamsize>(block.size())) || file.gcount() > 0) {
+    checksum = AddToChecksum(checksum, block.data(), static_cast<size_t>(file.gcount()));
+  }
+  return checksum;
+}
+
 }  // namespace
+
+uint32_t AddToChecksum(uint32_t checksum, const void* data, size_t bytes) {
+  if (bytes == 0) return checksum;  // zlib would begin anew
+  return static_cast<uint32_t>(crc32_z(checksum, static_cast<const Bytef*>(data), bytes));
+}
+
+std::string ChecksumsOf(const std::vector<std::filesystem::path>& paths) {
+  std::string checksums;
+  for (const std::filesystem::path& path : paths) {
+    const std::optional<uint32_t> checksum = ChecksumOfFile(path);
+    checksums += checksum ? Concat(*checksum, " ") : "none ";
+  }
+  return checksums;
+}
 
 WorkFileState CheckWorkFile(const std::filesystem::path& path) {
   if (!std::filesystem::exists(path)) return WorkFileState::kMissing;
@@ -147,17 +168,6 @@ FinalMaps ReadFinalMaps(const std::filesystem::path& path) {
   FinalMaps maps;
   ReadMaps(path, &maps.depth, &maps.normal, &maps.cost, &maps.confidence);
   return maps;
-}
-
-std::optional<uint32_t> ChecksumOfFile(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) return std::nullopt;
-  std::vector<char> block(kReadAtOnce);
-  uint32_t checksum = 0;
-  while (file.read(block.data(), static_cast<std::streamsize>(block.size())) || file.gcount() > 0) {
-    checksum = AddToChecksum(checksum, block.data(), static_cast<size_t>(file.gcount()));
-  }
-  return checksum;
 }
 
 }  // namespace acmp

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "acmp_mapping/engine/depth_engine.h"
 #include "acmp_mapping/fusion/depth_fusion.h"
@@ -40,7 +41,9 @@ void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps);
 /// Throws ProcessingError when the file is damaged.
 FinalMaps ReadFinalMaps(const std::filesystem::path& path);
 
-/// CRC-32 of any file's content; nothing where it cannot be read.
-std::optional<uint32_t> ChecksumOfFile(const std::filesystem::path& path);
+/// CRC-32 of what has this checksum and is followed by these bytes. @param checksum 0: of nothing
+uint32_t AddToChecksum(uint32_t checksum, const void* data, size_t bytes);
+/// "123 456 none": CRC-32 of any files' content; none for one that cannot be read.
+std::string ChecksumsOf(const std::vector<std::filesystem::path>& paths);
 
 }  // namespace acmp

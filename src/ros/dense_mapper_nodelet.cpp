@@ -236,7 +236,7 @@ class DenseMapperNodelet : public NodeletBase {
     const DenseMapperOptions& setting = auto_options_[chosen.index()].mapper;
     RuntimeOptions wanted = runtime_options_->Get();  // the rest may have been changed since the start
     wanted.mapper.pipeline = setting.pipeline;
-    wanted.mapper.source_views.max_source_views = setting.source_views.max_source_views;
+    wanted.mapper.max_source_views = setting.max_source_views;
     wanted.mapper.min_source_views = setting.min_source_views;
     runtime_options_->Set(wanted);
     reconfigure_->updateConfig(ToConfig(wanted));

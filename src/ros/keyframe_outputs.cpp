@@ -29,11 +29,8 @@ PointCloud KeptPoints(const KeyframeDepth& maps) {
   PointCloud kept;
   kept.reserve(maps.points_in_camera.size());
   for (const SurfacePoint& point : maps.points_in_camera) {
-    const Eigen::Vector2d pixel = camera.Project({point.position.x, point.position.y, point.position.z});
-    // Rounded as Contains does: -0.5 belongs to pixel 0.
-    const int col = static_cast<int>(std::floor(pixel.x() + 0.5));
-    const int row = static_cast<int>(std::floor(pixel.y() + 0.5));
-    if (camera.Contains(pixel) && mask(col, row) == 0) continue;
+    const auto pixel = camera.PixelOf({point.position.x, point.position.y, point.position.z});
+    if (pixel && mask(pixel->x(), pixel->y()) == 0) continue;
     kept.push_back(point);
   }
   return kept;

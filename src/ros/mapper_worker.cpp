@@ -65,10 +65,6 @@ std::optional<double> MeanInterval(const std::deque<int64_t>& stamps_ns) {
   return 1e-9 * static_cast<double>(stamps_ns.back() - stamps_ns.front()) / static_cast<double>(stamps_ns.size() - 1);
 }
 
-FrameOptions OptionsFor(const PinholeCamera& camera, double size) {
-  return {std::max(1, static_cast<int>(std::lround(size * std::max(camera.width, camera.height))))};
-}
-
 }  // namespace
 
 MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Mask fixed_mask,
@@ -341,7 +337,7 @@ DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
   }
 }
 
-double MapperWorker::SizeOf(const Camera& camera) const {
+int MapperWorker::SizeOf(const PinholeCamera& face, const Camera& camera) const {
   int width = 0, height = 0;
   for (const Rectifier& rectifier : camera.rectifiers) {
     width = std::max(width, rectifier.face().camera.width);
@@ -350,7 +346,8 @@ double MapperWorker::SizeOf(const Camera& camera) const {
   const int longer_side = std::max(width, height);
   int limit = node_options_.max_image_size > 0 ? std::min(node_options_.max_image_size, longer_side) : longer_side;
   if (auto_preset_) limit = static_cast<int>(std::ceil(auto_preset_->setting().size * limit));
-  return static_cast<double>(limit) / longer_side;
+  const double share = static_cast<double>(limit) / longer_side;
+  return std::max(1, static_cast<int>(std::lround(share * std::max(face.width, face.height))));
 }
 
 cv::Mat MapperWorker::Decode(const EncodedImage& image, const CalibrationPtr& calibration, Camera* camera) {
@@ -388,8 +385,8 @@ std::vector<FramePtr> MapperWorker::PrepareFrames(const KeyframeInput& input, bo
     ColorImage image = rectifier.Rectify(rgb);
     std::shared_ptr<const std::string> jpeg = KeptImage(image, keeps_image ? node_options_.keep_images : 0);
     Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), face.camera,
-                            origin.world_from_cam.inverse(), input.landmarks_in_world,
-                            OptionsFor(face.camera, SizeOf(camera_)), face_mask, rectifier.RectifyDepth(prior_depth));
+                            origin.world_from_cam.inverse(), input.landmarks_in_world, SizeOf(face.camera, camera_),
+                            face_mask, rectifier.RectifyDepth(prior_depth));
     frames.push_back(
         std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), origin, run_, std::move(jpeg)}));
   }
@@ -407,7 +404,7 @@ std::vector<FramePtr> MapperWorker::PrepareCompanions(const KeyframeInput& input
         const PinholeFace& face = rectifier.face();
         Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, rectifier.Rectify(rgb),
                                 face.camera, RigidTransform(face.lens_from_face.transpose()) * source_from_world, {},
-                                OptionsFor(face.camera, SizeOf(camera)), rectifier.RectifyMask({}));
+                                SizeOf(face.camera, camera), rectifier.RectifyMask({}));
         frame.color = {};  // points get their colours from the keyframe
         companions.push_back(std::make_shared<const Frame>(std::move(frame)));
       }

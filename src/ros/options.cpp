@@ -371,8 +371,8 @@ void SetDependentOptions(RuntimeOptions* options) {
   DenseMapperOptions* mapper = &options->mapper;
   options->gate.remembered = static_cast<size_t>(std::max(mapper->window_size, 1));
   // A keyframe needs two useful views, or as many as it can have.
-  mapper->min_source_views = std::min({DenseMapperOptions().min_source_views, mapper->source_views.max_source_views,
-                                       std::max(mapper->window_size - 1, 1)});
+  mapper->min_source_views =
+      std::min({DenseMapperOptions().min_source_views, mapper->max_source_views, std::max(mapper->window_size - 1, 1)});
 }
 
 /// A configuration of value(option) for each option that may change.
@@ -453,7 +453,7 @@ RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const AutoPreset::Set
   RuntimeOptions start;
   start.mapper.pipeline = MakePreset(setting.preset);
   RuntimeOptions options = LoadRuntimeOptions(reader, start);
-  int* max_source_views = &options.mapper.source_views.max_source_views;
+  int* max_source_views = &options.mapper.max_source_views;
   *max_source_views = std::min(*max_source_views, setting.max_source_views);
   SetDependentOptions(&options);
   return options;

@@ -7,8 +7,6 @@
 #include <utility>
 
 #include <Eigen/Dense>
-#include <opencv2/calib3d.hpp>
-#include <opencv2/core/eigen.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -54,16 +52,17 @@ bool AreBeforeBoth(const RigidTransform& other_from_one, const Eigen::Vector3d& 
 
 /// Calls function(distance) with each match's distance from its epipolar line (Sampson's approximation), in NearLines;
 /// infinite for one that would be behind a camera.
+/// @param step takes each step-th match
 template <class Function>
 void ForEachDistance(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs,
-                     const PoseReading& reading, const Function& function) {
+                     const PoseReading& reading, size_t step, const Function& function) {
   const RigidTransform child_from_cam = ChildFromCamera(reading.semantics);
   for (const MatchedImages& pair : pairs) {
     const auto [one, other] = ChildPoses(configured, pair, reading.semantics.direction);
     const RigidTransform other_from_one = (other * child_from_cam).inverse() * (one * child_from_cam);
     const Eigen::Vector3d shift = other_from_one.translation();
     const double unit = NearLine(pair.focal_length) / pair.focal_length;
-    for (size_t i = 0; i < pair.rays.size(); ++i) {
+    for (size_t i = 0; i < pair.rays.size(); i += step) {
       const Eigen::Vector3d line = shift.cross(other_from_one.linear() * pair.rays[i]);
       const Eigen::Vector3d back = other_from_one.linear().transpose() * pair.other_rays[i].cross(shift);
       const double norm = std::sqrt(line.head<2>().squaredNorm() + back.head<2>().squaredNorm());
@@ -77,7 +76,7 @@ bool HasMore(const PoseReading& a, const PoseReading& b) { return a.share > b.sh
 
 void FindShare(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, PoseReading* reading) {
   size_t near = 0, all = 0;
-  ForEachDistance(configured, pairs, *reading, [&](double distance) { ++all, near += distance < 1; });
+  ForEachDistance(configured, pairs, *reading, 1, [&](double distance) { ++all, near += distance < 1; });
   reading->share = static_cast<double>(near) / static_cast<double>(std::max<size_t>(1, all));
 }
 
@@ -103,90 +102,53 @@ std::vector<PoseReading> ReadingsOf(const PoseSemantics& configured) {
   return readings;
 }
 
-/// A turn as a vector along its axis, as the matches show it and as the poses of the child tell it.
-struct SeenTurn {
-  Eigen::Vector3d of_camera, of_child;
-};
-
-Eigen::Vector3d TurnVector(const Eigen::Matrix3d& rotation) {
-  const Eigen::AngleAxisd turn(rotation);
-  return turn.angle() * turn.axis();
-}
-
-std::vector<SeenTurn> TurnsOf(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs,
-                              Direction direction) {
-  const cv::Mat identity = cv::Mat::eye(3, 3, CV_64F);
-  std::vector<SeenTurn> turns;
-  for (const MatchedImages& pair : pairs) {
-    std::vector<cv::Point2d> points, other_points;
-    for (size_t i = 0; i < pair.rays.size(); ++i) {
-      points.emplace_back(pair.rays[i].x(), pair.rays[i].y());
-      other_points.emplace_back(pair.other_rays[i].x(), pair.other_rays[i].y());
-    }
-    cv::Mat inliers, rotation, translation;
-    const cv::Mat essential =
-        cv::findEssentialMat(points, other_points, identity, cv::RANSAC, 0.999, 1 / pair.focal_length, inliers);
-    if (essential.rows != 3) continue;
-    cv::recoverPose(essential, points, other_points, identity, rotation, translation, inliers);
-    Eigen::Matrix3d other_from_one;
-    cv::cv2eigen(rotation, other_from_one);
-    const auto [one, other] = ChildPoses(configured, pair, direction);
-    turns.push_back({TurnVector(other_from_one), TurnVector(other.linear().transpose() * one.linear())});
-  }
-  return turns;
-}
-
-/// The rotation that takes one turn's vector to the other's, and a second one's as far as it can; none where the two
-/// are about nearly the same axis.
-std::optional<Eigen::Matrix3d> RotationFromTwo(const SeenTurn& a, const SeenTurn& b) {
-  const auto frame = [](const Eigen::Vector3d& first, const Eigen::Vector3d& second) {
-    const Eigen::Vector3d z = first.cross(second).normalized(), x = first.normalized();
-    Eigen::Matrix3d axes;
-    axes << x, z.cross(x), z;
-    return axes;
-  };
+/// Whether the child turns about two axes: else many rotations between it and the camera fit alike.
+bool TurnsAboutTwoAxes(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs) {
   constexpr double kFewestDegrees = 2, kAxesApart = 0.3;  // sine
-  for (const SeenTurn* turn : {&a, &b}) {
-    if (std::min(turn->of_camera.norm(), turn->of_child.norm()) < kFewestDegrees * kDegree) return std::nullopt;
+  std::vector<Eigen::Vector3d> axes;
+  for (const MatchedImages& pair : pairs) {
+    const auto [one, other] = ChildPoses(configured, pair, configured.direction);
+    const Eigen::AngleAxisd turn(other.linear().transpose() * one.linear());
+    if (turn.angle() >= kFewestDegrees * kDegree) axes.push_back(turn.axis());
   }
-  const auto apart = [](const Eigen::Vector3d& u, const Eigen::Vector3d& v) {
-    return u.cross(v).norm() / (u.norm() * v.norm());
-  };
-  if (std::min(apart(a.of_camera, b.of_camera), apart(a.of_child, b.of_child)) < kAxesApart) return std::nullopt;
-  return Eigen::Matrix3d(frame(a.of_child, b.of_child) * frame(a.of_camera, b.of_camera).transpose());
+  return std::any_of(axes.begin(), axes.end(),
+                     [&](const Eigen::Vector3d& axis) { return axis.cross(axes.front()).norm() >= kAxesApart; });
 }
 
 /// Sum of the squared distances from the lines, each at most `limit`.
 double LossOf(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, const PoseReading& reading,
-              double limit) {
+              double limit, size_t step = 1) {
   double sum = 0;
-  ForEachDistance(configured, pairs, reading, [&](double distance) { sum += std::pow(std::min(distance, limit), 2); });
+  ForEachDistance(configured, pairs, reading, step,
+                  [&](double distance) { sum += std::pow(std::min(distance, limit), 2); });
   return sum;
 }
 
 /// The rotation between child and camera that fits the matches best, the camera being at `place` in the child's frame.
+/// Rotations all over are tried, then ever smaller changes of the best one.
 PoseReading FitRotation(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, Direction direction,
                         const Eigen::Vector3d& place) {
   constexpr double kCoarse = 7, kFine = 1.7, kDegreesOfOne = 1.5;
-  constexpr size_t kMostTurns = 32;
+  constexpr int kRotations = 3000;       // one within 17 degrees of nearly any ...
+  constexpr size_t kMatchesOfOne = 600;  // ... which some of the matches tell from others
   PoseReading best = {"", {direction, Child::kBody, RigidTransform(Eigen::Translation3d(place))}, 0, false};
   double loss = HUGE_VAL;
-  const auto try_rotation = [&](const Eigen::Matrix3d& child_from_cam, double limit) {
+  const auto try_rotation = [&](const Eigen::Matrix3d& child_from_cam, double limit, size_t step = 1) {
     PoseReading reading = best;
     reading.semantics.body_from_cam->linear() = child_from_cam;
-    const double found = LossOf(configured, pairs, reading, limit);
+    const double found = LossOf(configured, pairs, reading, limit, step);
     if (found < loss) loss = found, best = reading;
   };
-  const std::vector<SeenTurn> turns = TurnsOf(configured, pairs, direction);
-  const size_t step_of_turns = 1 + turns.size() / kMostTurns;
-  for (size_t i = 0; i < turns.size(); i += step_of_turns) {
-    for (size_t j = 0; j < i; j += step_of_turns) {
-      if (const auto rotation = RotationFromTwo(turns[i], turns[j])) try_rotation(*rotation, kCoarse);
-    }
-  }
-  if (loss == HUGE_VAL) return best;
   std::minstd_rand random(1);
   const auto number = [&random] { return static_cast<double>(random() % 2001) / 1000 - 1; };
+  size_t matches = 0;
+  for (const MatchedImages& pair : pairs) matches += pair.rays.size();
+  for (int i = 0; i < kRotations;) {
+    const Eigen::Quaterniond rotation(number(), number(), number(), number());
+    if (!(rotation.squaredNorm() > 0 && rotation.squaredNorm() < 1)) continue;  // those in the ball are evenly spread
+    try_rotation(rotation.normalized().toRotationMatrix(), kCoarse, 1 + matches / kMatchesOfOne);
+    ++i;
+  }
   for (const double limit : {kCoarse, kFine}) {
     loss = LossOf(configured, pairs, best, limit);
     for (double step = kDegreesOfOne * limit * kDegree; step > 0.1 * kDegree; step *= 0.95) {
@@ -198,8 +160,9 @@ PoseReading FitRotation(const PoseSemantics& configured, const std::vector<Match
   return best;
 }
 
-/// The best of both directions; none where they fit alike, or badly.
+/// The best of both directions; none where they fit alike, or badly, or nothing tells.
 std::optional<PoseReading> FitRotations(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs) {
+  if (!TurnsAboutTwoAxes(configured, pairs)) return std::nullopt;
   std::vector<Eigen::Vector3d> places = {Eigen::Vector3d::Zero()};
   if (configured.body_from_cam) places.emplace_back(configured.body_from_cam->translation());
   std::vector<PoseReading> best;  // of each direction

@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <map>
 #include <sstream>
 #include <string>
 #include <tuple>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/dataset/colmap_workspace.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
@@ -23,13 +23,7 @@ namespace fs = std::filesystem;
 
 constexpr int kDigits = 12;  // of a double in text files
 
-std::string Numbered(const char* format, size_t index) {
-  char text[32];
-  std::snprintf(text, sizeof(text), format, index);
-  return text;
-}
-
-std::string ImageName(size_t index) { return Numbered("%06zu.png", index); }
+std::string ImageName(size_t index) { return StringPrintf("%06zu.png", index); }
 
 // One landmark and where it is seen.
 struct Track {
@@ -95,7 +89,7 @@ std::vector<ListedCamera> CamerasOf(const std::vector<SyntheticView>& views) {
 
 DepthRange RangeOf(const SyntheticView& view) {
   const Frame& frame = view.frame;
-  const auto range = DepthRangeFromLandmarks(frame.landmarks_in_world, frame.camera, frame.cam_from_world, {});
+  const auto range = DepthRangeFromLandmarks(frame.landmarks_in_world, frame.camera, frame.cam_from_world);
   if (range) return *range;
   // A tiny picture with hardly a landmark.
   DepthRange known = {std::numeric_limits<float>::max(), 0};
@@ -116,27 +110,21 @@ void WriteMvsnetCameras(const fs::path& folder, const std::vector<SyntheticView>
          << views[i].frame.cam_from_world.matrix().format(rows) << "\n\nintrinsic\n"
          << views[i].frame.camera.K().format(rows) << "\n\n"
          << range.min << ' ' << (range.max - range.min) / (kPlanes - 1) << ' ' << kPlanes << ' ' << range.max << '\n';
-    WriteFileAtomically(folder / "cams" / Numbered("%08zu_cam.txt", i), text.str());
+    WriteFileAtomically(folder / "cams" / StringPrintf("%08zu_cam.txt", i), text.str());
   }
 }
 
-// The line of the image itself is left out of its candidates, so positions behind it are one less than indices.
 void WritePairs(const fs::path& folder, const std::vector<SyntheticView>& views) {
-  SourceViewOptions options;
-  options.max_source_views = 10;
+  constexpr int kSources = 10;
   std::ostringstream text = MakeTextFile(kDigits);
   text << views.size() << '\n';
   std::vector<SourceViewCandidate> all;
   all.reserve(views.size());
   for (const SyntheticView& view : views) all.push_back({{view.frame.camera, view.frame.cam_from_world}});
   for (size_t i = 0; i < views.size(); ++i) {
-    std::vector<SourceViewCandidate> candidates = all;
-    candidates.erase(candidates.begin() + static_cast<std::ptrdiff_t>(i));
-    const auto sources = SelectSourceViews(all[i].view, TypicalDepth(RangeOf(views[i])), candidates, options).views;
+    const auto sources = SelectSourceViews(all[i].view, TypicalDepth(RangeOf(views[i])), all, kSources).views;
     text << i << '\n' << sources.size();
-    for (const SelectedSourceView& source : sources) {
-      text << ' ' << (source.index < i ? source.index : source.index + 1) << ' ' << source.gain;
-    }
+    for (const SelectedSourceView& source : sources) text << ' ' << source.index << ' ' << source.gain;
     text << '\n';
   }
   WriteFileAtomically(folder / "pair.txt", text.str());

@@ -195,7 +195,7 @@ Figures MeasureStages(DepthEngine* engine, const PipelineOptions& options, Image
 /// from the colour image to on_fast, and to on_refined of another keyframe; ms of device time per keyframe until its
 /// refined maps are out; memory after a tenth of the stream and at its end.
 Figures MeasureStream(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size, int keyframes) {
-  const int source_views = options.source_views.max_source_views;
+  const int source_views = options.max_source_views;
   std::vector<double> fast, refined, device;
   // Since each image came; callbacks read those of images that came before them.
   std::vector<Timer> since_added(static_cast<size_t>(keyframes));
@@ -248,8 +248,7 @@ void PrintAutoPreset(DepthEngine* engine, const DenseMapperOptions& options, Ima
     const AutoPreset::Setting& setting = choice.setting();
     DenseMapperOptions of_setting = options;
     of_setting.pipeline = MakePreset(setting.preset);
-    of_setting.source_views.max_source_views =
-        std::min(options.source_views.max_source_views, setting.max_source_views);
+    of_setting.max_source_views = std::min(options.max_source_views, setting.max_source_views);
     DenseMapper mapper(engine, of_setting, {}, output_engine.get());
     const auto scaled = [&](int pixels) { return std::max(1, static_cast<int>(std::lround(setting.size * pixels))); };
     WallStream stream({scaled(size.width), scaled(size.height)}, kDistinct);
@@ -310,7 +309,7 @@ void PrintRow(const std::string& size, int source_views, const Figures& figures,
 /// keeps up with at this size and, as the time grows with the pixels, at others. @param options all but the pipeline's
 void PrintExpected(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size, int keyframes) {
   constexpr ImageSize kSizes[] = {{320, 240}, {480, 360}, {640, 480}, {960, 720}, {1280, 960}};
-  std::cout << "keyframes per second that the online mapper keeps up with, " << options.source_views.max_source_views
+  std::cout << "keyframes per second that the online mapper keeps up with, " << options.max_source_views
             << " source views, 4:3 images\n"
             << "  measured: at " << Name(size) << ", " << keyframes
             << " keyframes with exact poses; what refine_poses takes is not in it\n"
@@ -336,7 +335,7 @@ void PrintExpected(DepthEngine* engine, const DenseMapperOptions& options, Image
 DenseMapperOptions StreamOptions(const BenchmarkArguments& arguments, int source_views) {
   DenseMapperOptions stream = arguments.stream;
   CheckRange("--window-size", stream.window_size, source_views + 1, kMaxWindowSize);
-  stream.source_views.max_source_views = source_views;
+  stream.max_source_views = source_views;
   stream.min_source_views = std::min(2, source_views);
   return stream;
 }

@@ -87,10 +87,6 @@ int main(int argc, char** argv) {
       ->type_name("TOPIC");
   app.add_option("--source-camera-info", options.topics.source_camera_infos, "Theirs, in the same order")
       ->type_name("TOPIC");
-  app.add_option("--sparse-tolerance", options.mapper.matcher.sparse_tolerance_s,
-                 "Seconds between points and their image")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
   const acmp::OptionList of_mapper = acmp::OptionsOf(&options.mapper);
   for (const char* flag : {"--sync-tolerance", "--pose-is", "--pose-child", "--sparse-frame", "--calibration-file"}) {
     std::string name = flag + 2;

@@ -44,8 +44,6 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
       ->type_name("[SCENE] OUT.bag");
   app.option_defaults()->always_capture_default();
   app.add_option("--rate", recording.rate_hz, "Images per second of bag time");
-  app.add_option("--world-frame", recording.world_frame, "Frame of poses and points");
-  app.add_option("--camera-frame", recording.camera_frame, "Frame of the images");
 
   const std::string ungrouped = app.option_defaults()->get_group();
   app.option_defaults()->group("From a dataset folder");

@@ -169,7 +169,7 @@ TEST(InputMatcher, WaitsForTheCloudOfTheSameStampButNotForever) {
   EXPECT_THAT(m.Take(20.0).stamps, IsEmpty());
   EXPECT_THAT(m.Take(20.09).stamps, IsEmpty());
   const Taken later = m.Take(20.1);
-  EXPECT_THAT(later.clouds, ElementsAre(1)) << "within sparse_tolerance";
+  EXPECT_THAT(later.clouds, ElementsAre(1)) << "within half a second";
   EXPECT_TRUE(later.matches.at(0).cloud_pose) << "the pose at the cloud's own stamp";
 }
 

@@ -32,7 +32,7 @@ struct AxisScene {
 
 TEST(DepthRangeTest, TakesQuantilesWithMargin) {
   const AxisScene scene;
-  const auto range = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose, {});
+  const auto range = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose);
   ASSERT_TRUE(range);
   // Of 101 sorted depths 2 % lie below 1.02 and above 1.98; the result is a float.
   EXPECT_NEAR(range->min, 1.02 / kDepthMargin, 1e-6);
@@ -41,7 +41,7 @@ TEST(DepthRangeTest, TakesQuantilesWithMargin) {
 
 TEST(DepthRangeTest, IgnoresWhatIsNotALandmarkInView) {
   AxisScene scene;
-  const auto expected = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose, {});
+  const auto expected = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose);
   // (0, 0, 0) is in front of this camera, so only the rule about exact zeros keeps it out.
   scene.pose.translation() += Eigen::Vector3d(0, 0, 100);
   for (auto& point : scene.points) point.x() -= 100;
@@ -54,7 +54,7 @@ TEST(DepthRangeTest, IgnoresWhatIsNotALandmarkInView) {
                                              {scene.points[0].x(), 6 + 0.02 * i + 2, 7},
                                              {scene.points[0].x(), 6, 7 - 0.02 * i - 2}});
   }
-  const auto range = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose, {});
+  const auto range = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose);
   ASSERT_TRUE(range);
   EXPECT_FLOAT_EQ(range->min, expected->min);
   EXPECT_FLOAT_EQ(range->max, expected->max);
@@ -62,11 +62,11 @@ TEST(DepthRangeTest, IgnoresWhatIsNotALandmarkInView) {
 
 TEST(DepthRangeTest, NoneWithTooFewLandmarks) {
   const AxisScene scene;
-  EXPECT_FALSE(DepthRangeFromLandmarks({}, kSmallCamera, scene.pose, {}));
+  EXPECT_FALSE(DepthRangeFromLandmarks({}, kSmallCamera, scene.pose));
   const std::vector<Eigen::Vector3d> nine(scene.points.begin(), scene.points.begin() + 9);
-  EXPECT_FALSE(DepthRangeFromLandmarks(nine, kSmallCamera, scene.pose, {}));
+  EXPECT_FALSE(DepthRangeFromLandmarks(nine, kSmallCamera, scene.pose));
   const std::vector<Eigen::Vector3d> ten(scene.points.begin(), scene.points.begin() + 10);
-  EXPECT_TRUE(DepthRangeFromLandmarks(ten, kSmallCamera, scene.pose, {}));
+  EXPECT_TRUE(DepthRangeFromLandmarks(ten, kSmallCamera, scene.pose));
 }
 
 const PinholeCamera kCamera = {6, 4, 5.0, 5.5, 2.5, 1.5};
@@ -190,9 +190,7 @@ SourceViewSelection Select(const std::vector<PosedCamera>& views, int max_source
   std::vector<SourceViewCandidate> candidates;
   candidates.reserve(views.size());
   for (const PosedCamera& view : views) candidates.push_back({view});
-  SourceViewOptions options;
-  options.max_source_views = max_source_views;
-  return SelectSourceViews(reference, depth, candidates, options);
+  return SelectSourceViews(reference, depth, candidates, max_source_views);
 }
 
 std::vector<size_t> Indices(const SourceViewSelection& selection) {
@@ -252,10 +250,10 @@ TEST(SelectSourceViewsTest, PenalisesAnotherResolution) {
 
 TEST(SelectSourceViewsTest, TakesViewsOfAHigherPriorityFirst) {
   std::vector<SourceViewCandidate> candidates = {{OnArc(7)}, {OnArc(2), 1}, {OnArc(-7)}, {OnArc(2.5), 1}};
-  const SourceViewSelection all = SelectSourceViews(OnArc(0), kRadius, candidates, {10});
+  const SourceViewSelection all = SelectSourceViews(OnArc(0), kRadius, candidates, 10);
   EXPECT_THAT(Indices(all), ElementsAre(3, 1, 2, 0));
   EXPECT_EQ(all.num_useful, 4);
-  EXPECT_THAT(Indices(SelectSourceViews(OnArc(0), kRadius, candidates, {3})), ElementsAre(3, 1, 2));
+  EXPECT_THAT(Indices(SelectSourceViews(OnArc(0), kRadius, candidates, 3)), ElementsAre(3, 1, 2));
 }
 
 TEST(SelectSourceViewsTest, TakesViewsAheadThatSeeOnlyTheBorderAtAnAngle) {

@@ -56,7 +56,7 @@ TEST(CaptureWindowTest, ACompanionConfirmsWhatBothSee) {
 
 TEST(CaptureWindowTest, AMovingCameraIsMatchedAgainstItsOwnCompanionFirst) {
   DenseMapperOptions options = FakeOptions(8, 0);
-  options.source_views.max_source_views = 3;
+  options.max_source_views = 3;
   CaptureHarness harness(options);
   for (int i = 0; i < 6; ++i) harness.AddPair(2 * i, 0.35 * i);
   const std::vector<int64_t> sources = harness.SourcesOf("photometric", 10);
@@ -67,7 +67,7 @@ TEST(CaptureWindowTest, AMovingCameraIsMatchedAgainstItsOwnCompanionFirst) {
   EXPECT_THAT(CallsOf(harness.engine, "photometric", 10).back().sources, ElementsAre(11))
       << "once more against its own alone, for what moves";
   // Other captures' companions fill the list.
-  options.source_views.max_source_views = 8;
+  options.max_source_views = 8;
   CaptureHarness more(options);
   for (int i = 0; i < 3; ++i) more.AddPair(2 * i, 0.35 * i);
   EXPECT_THAT(more.SourcesOf("photometric", 4), UnorderedElementsAre(5, 0, 2, 1, 3));

@@ -51,7 +51,7 @@ TEST(DenseMapperTest, InitialEstimateIsCausalAndRefinementSeesBothSides) {
 
 TEST(DenseMapperTest, AtMostMaxSourceViewsAreUsed) {
   DenseMapperOptions options = FakeOptions(8, 1);
-  options.source_views.max_source_views = 3;
+  options.max_source_views = 3;
   MapperHarness harness(options);
   for (int id = 0; id <= 7; ++id) harness.Add(WallFrame(id));
   // 5, 10 and 15 degrees to the wall's middle; 10 is best, since 5 at the middle is less elsewhere.
@@ -249,7 +249,7 @@ TEST(RefineAgainTest, HalfwayThroughTheWindowWhereViewsHaveBecomeBetter) {
 
 TEST(RefineAgainTest, NotWhereViewsWereGoodFromTheStart) {
   DenseMapperOptions options = RefiningAgain(6);
-  options.source_views.max_source_views = 3;
+  options.max_source_views = 3;
   MapperHarness harness(options);
   for (int id = 0; id < 6; ++id) harness.Add(WallFrame(id));
   harness.refined_again.clear();
@@ -271,10 +271,10 @@ TEST(RefineAgainTest, NotWhereViewsHaveBecomeWorse) {
 
 TEST(RefineAgainTest, AnotherNumberOfViewsIsNoGain) {
   DenseMapperOptions options = RefiningAgain(10);
-  options.source_views.max_source_views = 3;
+  options.max_source_views = 3;
   MapperHarness harness(options);
   for (int id = 0; id < 5; ++id) harness.Add(WallFrame(id, 0.14 * id));
-  options.source_views.max_source_views = 4;
+  options.max_source_views = 4;
   harness.mapper.set_options(options);
   harness.Flush();
   EXPECT_THAT(harness.refined_again, IsEmpty());

@@ -17,7 +17,7 @@ struct RenderedScene {
       : views(MakeSyntheticScene(options)), surface(SampleSyntheticSurface(views, 0.02f)) {
     for (SyntheticView& view : views) frames.push_back(std::make_shared<const Frame>(std::move(view.frame)));
     for (const FramePtr& frame : frames) {
-      const auto range = DepthRangeFromLandmarks(frame->landmarks_in_world, frame->camera, frame->cam_from_world, {});
+      const auto range = DepthRangeFromLandmarks(frame->landmarks_in_world, frame->camera, frame->cam_from_world);
       if (!range) throw std::logic_error("a frame has too few landmarks");
       ranges.push_back(*range);
     }

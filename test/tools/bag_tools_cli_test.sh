@@ -49,7 +49,6 @@ expect 2 "truncated" "$bin/acmp_check_bag" cut.bag
 expect 2 "no such file" "$bin/acmp_check_bag" missing.bag
 expect 2 "not in the bag" "$bin/acmp_check_bag" a.bag --image /nowhere
 expect 2 "--pose-is" "$bin/acmp_check_bag" a.bag --pose-is upside_down
-expect 2 "sparse_tolerance = 2000" "$bin/acmp_check_bag" a.bag --sparse-tolerance 2000
 
 echo "$failures failures"
 [ "$failures" -eq 0 ]

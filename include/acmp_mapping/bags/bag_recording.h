@@ -24,8 +24,6 @@ constexpr char kCameraFrame[] = "camera_optical";
 struct RecordingOptions {
   double rate_hz = 5;      ///< images per second of bag time, 0.001..1000
   int max_image_size = 0;  ///< px of the longer side; 0: as stored
-  std::string world_frame = kWorldFrame;
-  std::string camera_frame = kCameraFrame;
 };
 /// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const RecordingOptions& options);

@@ -1,7 +1,11 @@
 #pragma once
 
 #include <locale.h>  // NOLINT(modernize-deprecated-headers): locale_t
+#include <algorithm>
 #include <clocale>
+#include <cstdarg>
+#include <cstdio>
+#include <string>
 
 namespace acmp {
 
@@ -23,5 +27,18 @@ class ClassicLocale {
 
   const locale_t previous_;
 };
+
+/// What printf makes of it, with a decimal point.
+__attribute__((format(printf, 1, 2))) inline std::string StringPrintf(const char* format, ...) {
+  const ClassicLocale point;
+  std::va_list values, again;
+  va_start(values, format);
+  va_copy(again, values);
+  std::string text(static_cast<size_t>(std::max(0, std::vsnprintf(nullptr, 0, format, values))), '\0');
+  std::vsnprintf(text.data(), text.size() + 1, format, again);
+  va_end(again);
+  va_end(values);
+  return text;
+}
 
 }  // namespace acmp

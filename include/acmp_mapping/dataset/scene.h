@@ -97,7 +97,8 @@ ColorImage LoadImage(const Scene& scene, int index);
 
 /// Loads one image, takes lens and rolling shutter out if need be (black and masked where nothing is known) and makes a
 /// frame of it with id = index, its mask and its landmarks. Throws as LoadImage and LoadMask do.
-Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options = {});
+/// @param max_size of MakeFrame
+Frame LoadFrame(const Scene& scene, int index, int max_size = 0);
 
 // Files beside the images, in folders of their own: masks, and depth maps from outside.
 

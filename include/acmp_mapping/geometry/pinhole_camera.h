@@ -1,6 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
+#include <optional>
 #include <string>
 
 #include "acmp_mapping/geometry/plane_hypothesis.h"
@@ -30,6 +32,16 @@ struct PinholeCamera {
   /// True when the pixel's rounded position lies in the image.
   bool Contains(const Eigen::Vector2d& pixel) const {
     return pixel.x() >= -0.5 && pixel.y() >= -0.5 && pixel.x() < width - 0.5 && pixel.y() < height - 0.5;
+  }
+
+  /// The pixel that a point is seen at; none where it is not before the camera, or not in the image.
+  std::optional<Eigen::Vector2i> PixelOf(const Eigen::Vector3d& point_in_cam) const {
+    if (!(point_in_cam.z() > 0)) return std::nullopt;
+    const Eigen::Vector2d pixel = Project(point_in_cam);
+    if (!Contains(pixel)) return std::nullopt;
+    // Rounded as Contains does: -0.5 belongs to pixel 0.
+    return Eigen::Vector2i(static_cast<int>(std::floor(pixel.x() + 0.5)),
+                           static_cast<int>(std::floor(pixel.y() + 0.5)));
   }
 
   Eigen::Matrix3d K() const { return (Eigen::Matrix3d() << fx, 0, cx, 0, fy, cy, 0, 0, 1).finished(); }

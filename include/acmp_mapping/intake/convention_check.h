@@ -17,11 +17,9 @@ namespace acmp {
 /// map.) Which other reading of the poses fits the images tell (JudgeReadings).
 class ConventionCheck {
  public:
-  /// So many new points, of one cloud or of several, are one look. After so many looks it judges first, by the later
-  /// half of them, and again each time that they have doubled, up to kLastLooks.
-  static constexpr size_t kNewPoints = 20;
-  static constexpr int kLooks = 5;
-  static constexpr int kLastLooks = 40;
+  /// It judges by the later half of the new points: first of so many, and again each time that they have doubled. All
+  /// new points of a cloud together count as kOfACloud at most.
+  static constexpr double kFirstPoints = 100, kLastPoints = 800, kOfACloud = 20;
 
   /// One keyframe: its pose as received and its cloud, which is taken to be in the camera's frame or the world's.
   /// `cloud_received` is the pose at the cloud's stamp. Returns a warning, once, if the other frame puts clearly more
@@ -36,22 +34,22 @@ class ConventionCheck {
   std::optional<double> share_in_front() const;
 
  private:
-  /// So many new points, and how many of them lie before the camera and in the image.
+  /// New points, and how many of them lie before the camera and in the image.
   struct Look {
-    size_t points = 0, in_front = 0, in_image = 0;
-    size_t in_image_otherwise = 0;  ///< with the other frame of the cloud
+    double points = 0, in_front = 0, in_image = 0;
+    double in_image_otherwise = 0;  ///< with the other frame of the cloud
   };
   /// Where a cloud has points, in cells of a size.
   using Cells = std::unordered_set<uint64_t>;
 
   /// Points of the cloud near which the one before had none, at most some thousand. None of the first cloud.
   std::vector<Eigen::Vector3d> TakeNew(const SparseCloud& cloud);
-  /// Mean share of the new points over the later half of the looks.
-  double Recent(size_t Look::*count) const;
   std::optional<std::string> Judge(const PoseSemantics& configured, bool cloud_in_camera);
 
-  int clouds_ = 0;           ///< seen
-  std::vector<Look> looks_;  ///< the last one may have too few points yet
+  int clouds_ = 0;                           ///< seen
+  double new_points_ = 0;                    ///< of all clouds
+  double next_points_ = 0.4 * kFirstPoints;  ///< when recent_ begins anew
+  Look recent_;
   bool decided_ = false;
   std::string warning_;
   size_t points_ = 0, in_front_ = 0;  ///< of all clouds, as configured

@@ -15,7 +15,6 @@ namespace acmp {
 
 struct InputMatcherOptions {
   double sync_tolerance_s = 1e-3;    ///< between the stamps of image and pose, 0..10
-  double sparse_tolerance_s = 0.5;   ///< the nearest cloud within is taken, else the last one, 0..1000
   double sparse_wait_s = 0.1;        ///< an image with a pose waits so long (wall time) for its own cloud, 0..10
   double mask_wait_s = 0.5;          ///< and so long for its mask, prior depth and source images, 0..10
   int image_capacity = 30;           ///< images that wait for their pose, 1..1000
@@ -207,7 +206,6 @@ class InputMatcher {
 
   InputMatcherOptions options_;
   int64_t sync_tolerance_ns_;
-  int64_t sparse_tolerance_ns_;
   bool clouds_expected_ = true;
   std::optional<RejectedInput> obstacle_ = RejectedInput{"no_camera_info", "no usable camera_info has been received"};
 

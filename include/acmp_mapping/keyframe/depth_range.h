@@ -23,15 +23,11 @@ void CheckDepthRange(const char* name, const DepthRange& range);
 /// wider range costs the random start was too little to measure.
 constexpr double kDepthQuantile = 0.02, kDepthMargin = 2.0;
 
-struct DepthRangeOptions {
-  int min_landmarks = 10;  ///< fewer in view: no range
-};
-void Validate(const DepthRangeOptions& options);
+constexpr size_t kMinDepthLandmarks = 10;  ///< fewer in view: no range
 
 /// Range of the depths of the landmarks in view, [q02 / 2, q98 * 2]. Points that are not finite, exactly
-/// zero, behind the camera or outside the image are left out. None when too few remain.
+/// zero, behind the camera or outside the image are left out. None when fewer than kMinDepthLandmarks remain.
 std::optional<DepthRange> DepthRangeFromLandmarks(const std::vector<Eigen::Vector3d>& landmarks_in_world,
-                                                  const PinholeCamera& camera, const RigidTransform& cam_from_world,
-                                                  const DepthRangeOptions& options);
+                                                  const PinholeCamera& camera, const RigidTransform& cam_from_world);
 
 }  // namespace acmp

@@ -39,20 +39,16 @@ struct Capture {
   std::vector<FramePtr> companions;  ///< are source views only, and need no colours
 };
 
-/// How an image becomes a frame.
-struct FrameOptions {
-  int max_size = 0;  ///< longer side, px; 0: as it is
-};
-
 /// Makes a frame from an undistorted image: grey values in float, both resized, the camera and the mask with them.
 /// Throws InvalidInputError for a camera, image or mask size that does not fit, a pose that is not finite and
-/// orthonormal, or options out of bounds.
+/// orthonormal, or a negative max_size.
+/// @param max_size longer side of the frame, px; 0: the image's
 /// @param mask of the image; empty: all pixels count
 /// @param prior_depth of the whole image at any size: pixels of the frame take the nearest of its pixels, since between
 ///   two surfaces there is none; what is not positive and finite is unknown. Empty: none
 Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
-                const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world,
-                const FrameOptions& options = {}, const Mask& mask = {}, const DepthMap& prior_depth = {});
+                const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world, int max_size = 0,
+                const Mask& mask = {}, const DepthMap& prior_depth = {});
 
 /// The points as a PointCloud2 carries them: every coordinate rounded to float, returned in double.
 std::vector<Eigen::Vector3d> RoundedToFloat(const std::vector<Eigen::Vector3d>& points);

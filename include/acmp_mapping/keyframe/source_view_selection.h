@@ -12,14 +12,6 @@ constexpr int kMaxSelectedViews = 32;  ///< what the matcher takes (kMaxSourceVi
 constexpr double kMinSourceAngleDeg = 1.0;  ///< triangulation angle below which a view is useless
 constexpr double kMinSourceOverlap = 0.1;   ///< share of the reference that a source must see, at that angle or more
 
-struct SourceViewOptions {
-  int max_source_views = 10;  ///< 1..32
-};
-void Validate(const SourceViewOptions& options);
-inline bool operator==(const SourceViewOptions& a, const SourceViewOptions& b) {
-  return a.max_source_views == b.max_source_views;
-}
-
 /// A view that may become a source view.
 struct SourceViewCandidate {
   PosedCamera view;
@@ -34,7 +26,7 @@ struct SelectedSourceView {
 
 /// Source views of one reference, and why the other candidates are not among them.
 struct SourceViewSelection {
-  std::vector<SelectedSourceView> views;  ///< most useful first, at most max_source_views
+  std::vector<SelectedSourceView> views;  ///< most useful first
   double gain = 0;                        ///< sum of theirs
 
   // These add up to the number of candidates.
@@ -56,10 +48,10 @@ double TypicalDepth(const DepthRange& range);
 /// surface that a nearer one hides from views on one side is mostly seen from the other.
 ///
 /// `typical_depth` (z > 0, scene units) is the plane's. A candidate without baseline or overlap is left out, so the
-/// result may be empty; equal candidates keep their order. Throws InvalidInputError for bad options or a depth that is
-/// not positive and finite.
+/// result may be empty; equal candidates keep their order. The reference may be among them: it has no baseline. Throws
+/// InvalidInputError for a depth that is not positive and finite.
+/// @param max_source_views of the selection, 1..kMaxSelectedViews
 SourceViewSelection SelectSourceViews(const PosedCamera& reference, double typical_depth,
-                                      const std::vector<SourceViewCandidate>& candidates,
-                                      const SourceViewOptions& options);
+                                      const std::vector<SourceViewCandidate>& candidates, int max_source_views);
 
 }  // namespace acmp

@@ -30,10 +30,10 @@ inline bool HasDepthRange(const DepthRange& range) { return range.min > 0 && ran
 
 struct DenseMapperOptions {
   PipelineOptions pipeline;
-  SourceViewOptions source_views;
-  DepthRangeOptions depth_range;
+  int max_source_views = 10;  ///< 1..kMaxSelectedViews
   PoseRefinementOptions poses;
   DepthRange fallback_depth_range;  ///< used until landmarks tell one; an end of 0: matches tell it
+  bool use_landmarks = true;        ///< for depth ranges; false: all keyframes have the fallback
   int window_size = 30;             ///< captures kept to match against, 2..kMaxWindowSize
   int lookahead = 2;                ///< later keyframes a keyframe waits for before it is refined, 0..window_size-1
   bool refine_again = true;  ///< refine a keyframe once more halfway through the window, and at a flush, if by then its

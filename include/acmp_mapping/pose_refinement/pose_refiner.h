@@ -48,7 +48,6 @@ class PoseRefiner {
 /// Tries the first of the others, then the first two, four and eight: what is near the camera is seen only by those
 /// that are near as well.
 /// @param others nearest first; at most 8 are of use; their poses are the received ones
-std::optional<DepthRange> DepthRangeFromMatches(const Frame& frame, const std::vector<FramePtr>& others,
-                                                const DepthRangeOptions& options);
+std::optional<DepthRange> DepthRangeFromMatches(const Frame& frame, const std::vector<FramePtr>& others);
 
 }  // namespace acmp

@@ -62,14 +62,13 @@ struct ReconstructOptions {
   bool no_pictures = false;
   bool overwrite = false;
   bool keep_work = false;
-  bool timings = false;
   bool quiet = false;
 
   bool online() const { return schedule == "online"; }
 
   /// Of memory_limit_gb, what each kind may take: images; estimates or maps; points that wait for those of earlier
-  /// images; points that wait for their tile.
-  static constexpr double kImageShare = 0.4, kMapShare = 0.4, kPointShare = 0.1, kTileShare = 0.1;
+  /// images.
+  static constexpr double kImageShare = 0.4, kMapShare = 0.4, kPointShare = 0.1;
   /// @param share 0..1
   size_t MemoryBytes(double share) const { return static_cast<size_t>(share * 1e9 * memory_limit_gb); }
 };

@@ -103,8 +103,8 @@ class MapperWorker {
     std::deque<Rectifier> rectifiers;  ///< one, or one for each face of a wide image
   };
   cv::Mat Decode(const EncodedImage& image, const CalibrationPtr& calibration, Camera* camera);
-  /// What size a camera's images are matched at, as a share of their own: that of the largest of its faces.
-  double SizeOf(const Camera& camera) const;
+  /// At which a face of a camera's images is matched, px of the longer side: the limit is that of the largest face.
+  int SizeOf(const PinholeCamera& face, const Camera& camera) const;
   /// ReceivedFrame's: one, or several faces of a wide image.
   /// @param keeps_image as ~keep_images says; else not
   std::vector<FramePtr> PrepareFrames(const KeyframeInput& input, bool keeps_image);

@@ -44,9 +44,9 @@ struct ReadingVerdict {
   static constexpr double kFittingShare = 0.5;  ///< of the matches: those of good poses are 0.7 to 0.95
 };
 
-/// Which reading of the poses fits the images, among those that a user may have meant. Where none does, any rotation
-/// between the frame of the poses and the camera is tried: from pairs of turns, A X = X B (Tsai and Lenz, 1989), then
-/// refined, with the configured place of the camera in the body and without one.
+/// Which reading of the poses fits the images, among those that a user may have meant. Where none does, rotations
+/// between the frame of the poses and the camera are tried, with the configured place of the camera in the body and
+/// without one.
 ReadingVerdict JudgeReadings(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs);
 
 /// Keeps the last keyframes' images, so that JudgeReadings can be asked when maps say that poses are wrong.

@@ -1,0 +1,155 @@
+// What a plan's file and the hash of a run's input say of images.
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "acmp_mapping/common/classic_locale.h"
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/stop_request.h"
+#include "plan.h"
+#include "work_files.h"
+
+namespace acmp {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Below the root relative to it, so that machines may have it at different places.
+std::string RelativePath(const std::filesystem::path& path, const std::filesystem::path& root) {
+  const std::filesystem::path relative = path.lexically_relative(root);
+  return relative.empty() || *relative.begin() == ".." ? path.string() : relative.string();
+}
+
+// Values of the plan's file: Put writes one, Take reads it.
+
+template <class T>
+Json Put(const T& value) {
+  return value;
+}
+template <class T>
+void Take(const Json& json, T* value) {
+  *value = json.get<T>();
+}
+Json Put(const std::filesystem::path& path) { return path.string(); }
+void Take(const Json& json, std::filesystem::path* path) { *path = json.get<std::string>(); }
+template <int rows, int cols>
+Json Put(const Eigen::Matrix<double, rows, cols>& matrix) {
+  return std::vector<double>(matrix.data(), matrix.data() + matrix.size());
+}
+template <int rows, int cols>
+void Take(const Json& json, Eigen::Matrix<double, rows, cols>* matrix) {
+  const auto numbers = json.get<std::vector<double>>();
+  if (numbers.size() != static_cast<size_t>(matrix->size())) throw ProcessingError("the plan's file has another form");
+  std::copy(numbers.begin(), numbers.end(), matrix->data());
+}
+Json Put(const PinholeCamera& c) { return {c.width, c.height, c.fx, c.fy, c.cx, c.cy}; }
+void Take(const Json& json, PinholeCamera* camera) {
+  *camera = {json.at(0), json.at(1), json.at(2), json.at(3), json.at(4), json.at(5)};
+}
+Json Put(const std::optional<FaceOfImage>& face) {
+  return face ? Json{Put(face->file_camera), Put(face->lens_from_face)} : Json();
+}
+void Take(const Json& json, std::optional<FaceOfImage>* face) {
+  if (json.is_null()) return;
+  Take(json.at(0), &face->emplace().file_camera);
+  Take(json.at(1), &(*face)->lens_from_face);
+}
+
+/// visit(name, value) for what the files of a scene say of an image, but for its landmarks and what the plan has in
+/// their place.
+template <class Image, class Visit>
+void VisitImage(Image* image, const Visit& visit) {
+  visit("name", &image->name);
+  visit("camera", &image->camera);
+  visit("distortion", &image->distortion.model);
+  visit("coefficients", &image->distortion.coefficients);
+  visit("field_of_view", &image->field_of_view);
+  visit("face", &image->face);
+  visit("turn", &image->readout.turn);
+  visit("move", &image->readout.move);
+  visit("pose", &image->cam_from_world.matrix());
+  visit("placed", &image->placed_from_world.matrix());
+}
+
+/// The same for all that the plan's file has of it.
+/// @param path relative to the scene's root
+/// @param files what HashFiles says
+template <class Image, class Plan, class Text, class Visit>
+void VisitPlanned(Image* image, Plan* plan, Text* path, Text* files, const Visit& visit) {
+  VisitImage(image, visit);
+  visit("index", &plan->index);
+  visit("near", &plan->range.min);
+  visit("far", &plan->range.max);
+  visit("sources", &plan->sources);
+  visit("no_map", &plan->no_map);
+  visit("files", files);
+  visit("path", path);
+  visit("mask", &image->mask);
+  visit("prior_depth", &image->prior_depth);
+}
+
+}  // namespace
+
+std::vector<std::string> HashFiles(const Scene& scene, const std::vector<int>& indices, const StopRequest& interrupt,
+                                   const std::function<void(int index)>& also) {
+  std::vector<std::string> hashes(indices.size());
+  tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
+    interrupt.Check();
+    also(indices[i]);
+    const SceneImage& image = scene.images[static_cast<size_t>(indices[i])];
+    hashes[i] = ChecksumsOf({image.path, image.mask, image.prior_depth});
+  });
+  interrupt.Check();
+  return hashes;
+}
+
+std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<std::string>& files) {
+  uint32_t hash = 0;
+  for (size_t i = 0; i < indices.size(); ++i) {
+    const SceneImage& image = scene.images[static_cast<size_t>(indices[i])];
+    const DepthRange range = image.depth_range.value_or(DepthRange());
+    Json input = {indices[i], files.at(i), range.min, range.max, image.ranked_sources};
+    VisitImage(&image, [&](const char*, const auto* value) { input.push_back(Put(*value)); });
+    const std::string text = input.dump();
+    hash = AddToChecksum(hash, text.data(), text.size());
+    for (const Eigen::Vector3d& landmark : LandmarksOf(scene, image)) {
+      hash = AddToChecksum(hash, landmark.data(), sizeof(landmark));
+    }
+  }
+  return StringPrintf("%08x", hash);
+}
+
+std::string FormatPlan(const Scene& scene, const ReconstructPlan& plan, const std::vector<std::string>& files,
+                       const std::filesystem::path& root) {
+  Json json = {{"origin", Put(plan.origin)}, {"images", Json::array()}};
+  for (size_t i = 0; i < plan.images.size(); ++i) {
+    const SceneImage& image = scene.images[static_cast<size_t>(plan.images[i].index)];
+    const std::string path = RelativePath(image.path, root);
+    Json view;
+    VisitPlanned(&image, &plan.images[i], &path, &files[i],
+                 [&](const char* name, const auto* value) { view[name] = Put(*value); });
+    json["images"].push_back(std::move(view));
+  }
+  return json.dump();
+}
+
+void ParsePlan(const std::string& content, const std::filesystem::path& root, Scene* scene, ReconstructPlan* plan,
+               std::map<int, std::string>* files) {
+  const Json json = Json::parse(content);
+  Take(json.at("origin"), &plan->origin);
+  for (const Json& view : json.at("images")) {
+    SceneImage image;
+    std::string path, hash;
+    VisitPlanned(&image, &plan->images.emplace_back(), &path, &hash,
+                 [&](const char* name, auto* value) { Take(view.at(name), value); });
+    image.path = root / path;
+    const int index = plan->images.back().index;
+    (*files)[index] = std::move(hash);
+    scene->images.resize(static_cast<size_t>(index) + 1);
+    scene->images.back() = std::move(image);
+  }
+}
+
+}  // namespace acmp
