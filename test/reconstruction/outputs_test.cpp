@@ -227,7 +227,7 @@ TEST_F(TiledRunsTest, OtherOutputsMakeTheSameTiles) {
 using TiledCloudTest = TestFolder;
 
 TEST_F(TiledCloudTest, ATileKeepsTheOrderOfItsPoints) {
-  PointCloud cloud(150000);  // more than are held in memory at least
+  PointCloud cloud(150000);
   for (size_t i = 0; i < cloud.size(); ++i) cloud[i] = {{1e-5f * static_cast<float>(i), 1, 2}, {0, 0.6f, -0.8f}, {}, 1};
   const OutputFolder out(folder() / "out", {}, false);
   TiledCloud tiles(&out, 100);
