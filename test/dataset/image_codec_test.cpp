@@ -151,7 +151,8 @@ TEST_F(ImageCodecTest, HarmlessOdditiesOfJpegAreRead) {
   odd["a scan to coefficient 0, as phones write it"][scan + 12] = 0;
   odd["another JFIF"] = whole;
   odd["another JFIF"][jfif + 5] = 2;
-  for (const auto& [what, content] : odd) {
+  for (const auto& oddity : odd) {
+    const std::string &what = oddity.first, &content = oddity.second;  // clang lets no lambda have structured bindings
     // A video behind the image may have any bytes.
     for (const std::string& behind : {std::string(), "abc\xff\xda" + std::string(9, 'x')}) {
       EXPECT_EQ(MaxDifference(DecodeColorImage(what, content + behind), DecodeColorImage("whole", whole)), 0) << what;
