@@ -112,8 +112,8 @@ std::string InputHash(const Scene& scene, const std::vector<int>& indices, const
     const DepthRange range = image.depth_range.value_or(DepthRange());
     Json input = {indices[i], files.at(i), range.min, range.max, image.ranked_sources};
     VisitImage(&image, [&](const char*, const auto* value) { input.push_back(Put(*value)); });
-    const std::string text = input.dump();
-    hash = AddToChecksum(hash, text.data(), text.size());
+    const std::vector<uint8_t> bytes = Json::to_cbor(input);  // also of names that are not UTF-8
+    hash = AddToChecksum(hash, bytes.data(), bytes.size());
     for (const Eigen::Vector3d& landmark : LandmarksOf(scene, image)) {
       hash = AddToChecksum(hash, landmark.data(), sizeof(landmark));
     }

@@ -101,7 +101,7 @@ class WideImagesTest : public ReconstructRunFixture {
       ColorImage picture(kSize, kSize);
       RandomStream random(7, static_cast<uint32_t>(i), 0);
       for (Rgb& pixel : picture) pixel.g = static_cast<unsigned char>(random.NextUniform(0, 255));
-      const std::string name = std::to_string(i) + ".png";
+      const std::string name = Concat(i, i == 2 ? "\xe9.png" : ".png");  // one that is not UTF-8
       std::filesystem::create_directories(folder() / "wide/images");
       WritePng(folder() / "wide/images" / name, picture);
       RigidTransform pose = RigidTransform::Identity();
