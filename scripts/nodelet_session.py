@@ -77,10 +77,13 @@ def play(bag, rate=20):
 
 
 def images_received():
-    """By the mapper, as its newest diagnostics say."""
-    told = subprocess.run(["rostopic", "echo", "-n", "3", "/diagnostics"], stdout=subprocess.PIPE, text=True,
-                          check=True).stdout
-    return max(map(int, re.findall(r'key: "images"\s+value: "(\d+) received', told)), default=-1)
+    """By the mapper, as its next diagnostics say."""
+    told = []
+    while not told:  # others publish theirs there, too
+        echo = ["rostopic", "echo", "-n", "3", "/diagnostics"]
+        output = subprocess.run(echo, stdout=subprocess.PIPE, text=True, check=True).stdout
+        told = re.findall(r'key: "images"\s+value: "(\d+) received', output)
+    return int(told[-1])
 
 
 class Session:
