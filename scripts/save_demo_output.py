@@ -67,7 +67,9 @@ class Saver:
         received = int(account.split()[0])
         if 0 < received < len(self.numbers) and time.monotonic() > self.last + PATIENCE_S:
             raise RuntimeError(f"of {len(self.numbers)} images the mapper has {account}; nothing has come for {PATIENCE_S} s")
-        return received >= len(self.numbers)
+        # The pose of the last one may be on its way, or there is none.
+        is_settled = self.status.get("images waiting for a pose") == "0" or time.monotonic() > self.last + 5
+        return received >= len(self.numbers) and is_settled
 
 
 def call(name, kind, *arguments):
