@@ -170,6 +170,16 @@ TEST_F(WideImagesTest, CanStayOnePinholeImageEach) {
   EXPECT_THAT(ErrorWith([](ReconstructOptions* o) { o->field_of_view = 400; }), HasSubstr("--field-of-view = 400"));
 }
 
+TEST_F(WideImagesTest, StagesTakeNamesThatAreNotUtf8) {
+  options_.plan = folder() / "plan.json";
+  Run(&fake_);
+  options_.plan.clear();
+  options_.stage = "step_0";
+  options_.images = "0-19";
+  Run(&fake_);
+  EXPECT_FALSE(fake_.calls.empty());
+}
+
 using WideSceneFiles = TestFolder;
 
 /// Whatever the maps.
