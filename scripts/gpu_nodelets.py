@@ -61,6 +61,8 @@ class Mapper:
             ["roslaunch", "acmp_mapping", f"{bag.stem}.launch", f"namespace:={self.name[1:]}", "preset:=balanced", "device:=cuda",
              f"image:={image[:-len('/compressed')]}", "image_transport:=compressed", f"camera_info:={camera_info}", *others,
              *arguments.set], stdout=log, stderr=subprocess.STDOUT)
+
+    def wait_until_ready(self):
         wait_for(lambda: self.values.get("device") or self.launch.poll() is not None, "the device")
         manager = rosgraph.Master("/gpu_nodelets").lookupNode(f"{self.name}/manager")
         self.pid = ServerProxy(manager).getPid("/gpu_nodelets")[2]
@@ -86,7 +88,8 @@ def measure(arguments, log, bag, cameras, rate):
         samples.append((gpu_mib() - before_mib, sum(row[0] for row in of_managers), sum(row[2] for row in of_managers)))
     try:
         for number in range(1, cameras + 1):
-            mappers.append(Mapper(bag, number, arguments, log))  # roslaunch does not start twice at the same time
+            mappers.append(Mapper(bag, number, arguments, log))
+            mappers[-1].wait_until_ready()  # roslaunch does not start twice at the same time
         player = subprocess.Popen(["rosbag", "play", "--quiet", "--wait-for-subscribers", "-r", str(rate), str(bag),
                                    *["--loop"] * bool(arguments.seconds)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         end = time.monotonic() + (arguments.seconds or math.inf)

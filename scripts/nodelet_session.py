@@ -76,11 +76,16 @@ def play(bag, rate=20):
                    timeout=600)
 
 
-def images_received():
-    """By the mapper, as its newest diagnostics say."""
-    told = subprocess.run(["rostopic", "echo", "-n", "3", "/diagnostics"], stdout=subprocess.PIPE, text=True,
-                          check=True).stdout
-    return max(map(int, re.findall(r'key: "images"\s+value: "(\d+) received', told)), default=-1)
+def images_told():
+    """How many images the mapper has received, and how many of them wait for their pose or cloud, as its next diagnostics
+    say."""
+    received = []
+    while not received:  # others publish theirs there, too
+        echo = ["rostopic", "echo", "-n", "3", "/diagnostics"]
+        told = subprocess.run(echo, stdout=subprocess.PIPE, text=True, check=True).stdout
+        received = re.findall(r'key: "images"\s+value: "(\d+) received', told)
+    waiting = re.findall(r'key: "images waiting for a pose"\s+value: "(\d+)"', told)
+    return int(received[-1]), int(waiting[-1])
 
 
 class Session:
@@ -114,11 +119,16 @@ class Session:
     def map_bag(self, bag):
         """Plays the bag and returns the points of the map afterwards."""
         with rosbag.Bag(bag) as recorded:
-            wanted = images_received() + recorded.get_message_count(TOPICS["image"])
+            count = recorded.get_message_count(TOPICS["image"])
+        before, waited = images_told()
+
+        def has_all():
+            received, waiting = images_told()
+            return received >= before + count and waiting <= waited
         # A player that ends at once takes with it what has not been sent by then, on a busy machine.
         player = subprocess.Popen(play_command(bag, "--keep-alive"), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         try:
-            wait_for(lambda: images_received() >= wanted, "all images")
+            wait_for(has_all, "all images and their poses")
         finally:
             player.terminate()
             player.wait(60)

@@ -27,6 +27,7 @@ OUTPUTS = {"depth/image_rect": ("depth", "depth/%06d.pfm"), "depth_fast/image_re
            "depth/image_vis": ("depth pictures", "pictures/%06d_depth.png"),
            "normal/image_vis": ("normals pictures", "pictures/%06d_normals.png"),
            "confidence/image_vis": ("confidence pictures", "pictures/%06d_confidence.png")}
+PATIENCE_S = 120  # without an image or a map: those that are still missing were lost
 
 
 class Saver:
@@ -55,8 +56,20 @@ class Saver:
         self.last = time.monotonic()
 
     def note(self, message):
+        before = self.status.get("images")
         self.status.update({value.key: value.value for part in message.status if part.name.endswith(("mapping", "matching"))
                             for value in part.values})
+        if self.status.get("images") != before:
+            self.last = time.monotonic()
+
+    def has_all_images(self):
+        account = self.status.get("images", "0 received")
+        received = int(account.split()[0])
+        if 0 < received < len(self.numbers) and time.monotonic() > self.last + PATIENCE_S:
+            raise RuntimeError(f"of {len(self.numbers)} images the mapper has {account}; nothing has come for {PATIENCE_S} s")
+        # The pose of the last one may be on its way, or there is none.
+        is_settled = self.status.get("images waiting for a pose") == "0" or time.monotonic() > self.last + 5
+        return received >= len(self.numbers) and is_settled
 
 
 def call(name, kind, *arguments):
@@ -70,7 +83,7 @@ def call(name, kind, *arguments):
 def save_all(bag, folder, timeout_s):
     rospy.init_node("save_demo_output", argv=[], disable_rostime=True)  # the player's clock stops at the end of the bag
     saver = Saver(bag, folder)
-    wait_for(lambda: saver.status.get("images", "").startswith(f"{len(saver.numbers)} received"), "all images", timeout_s)
+    wait_for(saver.has_all_images, "all images", timeout_s)
     call("dense_mapper/flush", Trigger)
     wait_for(lambda: time.monotonic() > saver.last + 1.5, "the last messages")  # diagnostics come once a second
     saved = call("map_server/save_map", SaveMap, f"{folder}/map.ply", SaveMapRequest.PLY, True)

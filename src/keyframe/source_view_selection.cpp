@@ -49,6 +49,8 @@ struct Reference {
       }
     }
     to_centre = TowardsCentre(points, centre);
+    middle = points.colwise().mean().transpose();
+    radius = 1.001 * std::sqrt(TowardsCentre(points, middle).square().rowwise().sum().maxCoeff());
   }
 
   GridPoints points;       ///< in the world
@@ -56,7 +58,22 @@ struct Reference {
   Eigen::Vector3d centre;  ///< of the camera, in the world
   double depth;            ///< of the points
   double focal_length;     ///< px
+  Eigen::Vector3d middle;  ///< of a sphere that has all points in it
+  double radius;           ///< its
 };
+
+/// False where the sphere about the reference's points lies beyond one side of what a view sees: much faster than to
+/// look at the points, for the many views that are far away.
+bool MaySeeAny(const Reference& reference, const PosedCamera& view) {
+  const PinholeCamera& camera = view.camera;
+  const Eigen::Vector3d middle = view.cam_from_world * reference.middle;
+  const auto is_within = [&](double across, double focal_length, double border) {
+    return across * focal_length + middle.z() * border >= -reference.radius * std::hypot(focal_length, border);
+  };
+  return is_within(middle.x(), camera.fx, camera.cx + 0.5) && is_within(middle.y(), camera.fy, camera.cy + 0.5) &&
+         is_within(-middle.x(), camera.fx, camera.width - 0.5 - camera.cx) &&
+         is_within(-middle.y(), camera.fy, camera.height - 0.5 - camera.cy);
+}
 
 /// Depths of the points in a view; 0 where it does not see them (DepthInView).
 PerPoint DepthsInView(const GridPoints& points, const PosedCamera& view) {
@@ -141,7 +158,7 @@ std::optional<UsefulView> Assess(const Reference& reference, const SourceViewCan
     ++selection->num_without_baseline;
     return std::nullopt;
   }
-  const PerPoint depths = DepthsInView(reference.points, view);
+  const PerPoint depths = MaySeeAny(reference, view) ? DepthsInView(reference.points, view) : PerPoint::Zero().eval();
   const auto num_seen = (depths > 0).count();
   constexpr double kLeastPoints = kMinSourceOverlap * kGridPoints;
   if (static_cast<double>(num_seen) < kLeastPoints) {

@@ -1,4 +1,4 @@
-// What a plan's file and the hash of a run's input say of images.
+// What a plan's file and the hash of a run's input say of images: in CBOR, as names of images need not be UTF-8.
 
 #include <tbb/parallel_for.h>
 
@@ -112,8 +112,8 @@ std::string InputHash(const Scene& scene, const std::vector<int>& indices, const
     const DepthRange range = image.depth_range.value_or(DepthRange());
     Json input = {indices[i], files.at(i), range.min, range.max, image.ranked_sources};
     VisitImage(&image, [&](const char*, const auto* value) { input.push_back(Put(*value)); });
-    const std::string text = input.dump();
-    hash = AddToChecksum(hash, text.data(), text.size());
+    const std::vector<uint8_t> bytes = Json::to_cbor(input);
+    hash = AddToChecksum(hash, bytes.data(), bytes.size());
     for (const Eigen::Vector3d& landmark : LandmarksOf(scene, image)) {
       hash = AddToChecksum(hash, landmark.data(), sizeof(landmark));
     }
@@ -132,12 +132,13 @@ std::string FormatPlan(const Scene& scene, const ReconstructPlan& plan, const st
                  [&](const char* name, const auto* value) { view[name] = Put(*value); });
     json["images"].push_back(std::move(view));
   }
-  return json.dump();
+  const std::vector<uint8_t> bytes = Json::to_cbor(json);
+  return {bytes.begin(), bytes.end()};
 }
 
 void ParsePlan(const std::string& content, const std::filesystem::path& root, Scene* scene, ReconstructPlan* plan,
                std::map<int, std::string>* files) {
-  const Json json = Json::parse(content);
+  const Json json = Json::from_cbor(content);
   Take(json.at("origin"), &plan->origin);
   for (const Json& view : json.at("images")) {
     SceneImage image;

@@ -73,7 +73,7 @@ std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, co
                   {"milliseconds_in_last_run", times}};
   if (cloud.tiles) summary["tiles"] = *cloud.tiles;
   if (!failure.empty()) summary["failure"] = failure;
-  return summary.dump(2) + "\n";
+  return summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";  // names need not be UTF-8
 }
 
 }  // namespace

@@ -283,6 +283,25 @@ TEST(SelectSourceViewsTest, TellsWhyCandidatesAreNotUseful) {
   EXPECT_NEAR(selection.largest_small_angle_deg, 0.8, 0.1);
 }
 
+TEST(SelectSourceViewsTest, AViewThatSeesATenthAtAnySideOverlaps) {
+  const PosedCamera reference = OnArc(0);
+  for (const Eigen::Vector3d& axis :
+       {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(-1, 0, 0), Eigen::Vector3d(0, 1, 0), Eigen::Vector3d(0, -1, 0)}) {
+    for (int angle_deg = 0; angle_deg < 90; ++angle_deg) {
+      PosedCamera view = OnArc(7);
+      view.cam_from_world = Eigen::AngleAxisd(angle_deg * kPi / 180, axis) * view.cam_from_world;
+      int seen = 0;  // of 8 x 8 points
+      for (int i = 0; i < 64; ++i) {
+        const PinholeCamera& camera = reference.camera;
+        const Eigen::Vector2d pixel((i % 8 + 0.5) / 8 * camera.width - 0.5, (i / 8 + 0.5) / 8 * camera.height - 0.5);
+        const Eigen::Vector3d point = reference.cam_from_world.inverse() * camera.Unproject(pixel, kRadius);
+        seen += view.camera.PixelOf(view.cam_from_world * point).has_value();
+      }
+      EXPECT_EQ(Select({view}).num_without_overlap, seen < 6.4 ? 1 : 0) << seen << " seen, turned by " << angle_deg;
+    }
+  }
+}
+
 TEST(SelectSourceViewsTest, KeepsTheBestAndBreaksTiesByIndex) {
   std::vector<PosedCamera> views(40, OnArc(10));
   views.push_back(OnArc(2));

@@ -101,7 +101,7 @@ class WideImagesTest : public ReconstructRunFixture {
       ColorImage picture(kSize, kSize);
       RandomStream random(7, static_cast<uint32_t>(i), 0);
       for (Rgb& pixel : picture) pixel.g = static_cast<unsigned char>(random.NextUniform(0, 255));
-      const std::string name = std::to_string(i) + ".png";
+      const std::string name = Concat(i, i == 2 ? "\xe9.png" : ".png");  // one that is not UTF-8
       std::filesystem::create_directories(folder() / "wide/images");
       WritePng(folder() / "wide/images" / name, picture);
       RigidTransform pose = RigidTransform::Identity();
@@ -168,6 +168,16 @@ TEST_F(WideImagesTest, CanStayOnePinholeImageEach) {
   options_.wide_faces = "auto";
   EXPECT_THAT(Error(), HasSubstr("input")) << "it is another scene now";
   EXPECT_THAT(ErrorWith([](ReconstructOptions* o) { o->field_of_view = 400; }), HasSubstr("--field-of-view = 400"));
+}
+
+TEST_F(WideImagesTest, StagesTakeNamesThatAreNotUtf8) {
+  options_.plan = folder() / "plan.json";
+  Run(&fake_);
+  options_.plan.clear();
+  options_.stage = "step_0";
+  options_.images = "0-19";
+  Run(&fake_);
+  EXPECT_FALSE(fake_.calls.empty());
 }
 
 using WideSceneFiles = TestFolder;
