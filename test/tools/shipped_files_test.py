@@ -130,6 +130,15 @@ class LaunchFiles(unittest.TestCase):
                 required = {name for name, (_, default) in shown.items() if not default}
                 self.assertEqual(required, {"bag"} if launch == "demo.launch" else set())
 
+    def test_parameters_are_known(self):
+        for launch in ["dense_mapper.launch", *FRONTENDS]:
+            with self.subTest(launch):
+                config = load(launch)
+                of_mapper, of_map = parameters_of(config), parameters_of(config, "map_server")
+                self.assertEqual(len(of_mapper) + len(of_map), len(config.params), "there are others")
+                self.assertLessEqual(set(of_mapper), set(parameters(OF_MAPPER)))
+                self.assertEqual(set(of_map), set(parameters(OF_MAP)))
+
     def test_every_argument_that_names_a_parameter_sets_it(self):
         """Over a frontend's own parameters, too."""
         arguments, other = set(launch_arguments("dense_mapper.launch")), {bool: True, int: 5, float: 0.75, str: "other"}

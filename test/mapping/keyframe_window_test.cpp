@@ -223,11 +223,14 @@ TEST(DenseMapperEvictionTest, RefinementWithoutAnyViewLeftIsReported) {
 constexpr int kEnough = 100;  ///< keyframes after which it must have settled
 
 /// Keyframes of a machine that takes `fixed_ms`, and `best_ms` times the setting's cost to the power of `exponent`,
-/// until the choice is settled.
-void Settle(double fixed_ms, double best_ms, double exponent, double interval_s, AutoPreset* choice) {
+/// until the choice is settled. @return what it said last
+std::string Settle(double fixed_ms, double best_ms, double exponent, double interval_s, AutoPreset* choice) {
+  std::string said;
   for (int i = 0; i < kEnough && !choice->is_settled(); ++i) {
-    choice->Add(fixed_ms + best_ms * std::pow(choice->setting().cost, exponent), interval_s);
+    const double ms = fixed_ms + best_ms * std::pow(choice->setting().cost, exponent);
+    said = choice->Add(ms, interval_s).value_or(said);
   }
+  return said;
 }
 
 TEST(AutoPreset, WaitsUntilItKnowsBothTimes) {
@@ -236,6 +239,15 @@ TEST(AutoPreset, WaitsUntilItKnowsBothTimes) {
   AutoPreset early;
   for (int i = 0; i < 7; ++i) EXPECT_FALSE(early.Add(1, 0.1)) << i;
   EXPECT_TRUE(early.Add(1, 0.1));
+}
+
+TEST(AutoPreset, AFastMachineGetsTheBestAndASlowOneIsToldThatItIsTooSlow) {
+  AutoPreset fast, slow;
+  EXPECT_THAT(Settle(0, 20, 1, 0.1, &fast),
+              HasAll("balanced, 100 % of max_image_size, at most 10 source views", "0.02 s"));
+  EXPECT_TRUE(fast.keeps_up());
+  EXPECT_THAT(Settle(0, 60000, 1, 0.2, &slow), HasSubstr("too long for all of them"));
+  EXPECT_FALSE(slow.keeps_up());
 }
 
 TEST(AutoPreset, SettlesWhereItKeepsUpHoweverWrongTheCostsAre) {

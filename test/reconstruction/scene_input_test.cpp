@@ -1,6 +1,10 @@
 // Masks and prior depth: which images have them, what is said of bad ones, and that runs know when they change. And
 // images of wide lenses, which become the faces of cubes.
 
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <utility>
+
 #include "acmp_mapping/dataset/colmap_workspace.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"
@@ -158,6 +162,23 @@ TEST_F(WideImagesTest, EachFaceIsAnImageOfItsOwnWithEitherSchedule) {
     EXPECT_NEAR(workspace.images[i].camera.cx, cameras[i].camera.cx, 1e-9);
     EXPECT_TRUE(workspace.images[i].cam_from_world.isApprox(cameras[i].world_from_cam.inverse(), 1e-9));
   }
+}
+
+TEST_F(WideImagesTest, InterruptedRunsAndStagesEndWithTheSameBytes) {
+  RunInterrupted(RunTo("whole") / 2);
+  Run(&fake_);
+  ExpectSameContents(output("whole"), output());
+  std::filesystem::remove_all(output());
+  options_.chunk_images = 7;
+  options_.plan = folder() / "plan.json";
+  Run(&fake_);
+  const auto plan = nlohmann::json::parse(ReadText(std::exchange(options_.plan, {})));
+  for (const nlohmann::json& task : plan.at("tasks")) {
+    options_.stage = task.at("stage");
+    options_.images = task.at("images");
+    Run(&fake_);
+  }
+  ExpectSameContents(output("whole"), output());
 }
 
 TEST_F(WideImagesTest, CanStayOnePinholeImageEach) {

@@ -258,6 +258,9 @@ TEST(ScheduleTest, PassesFollowTheInitialEstimateAndWhatIsUnverifiedIsFilledBefo
   EXPECT_EQ(StepsOf(false, 2), "initial, pass 0, pass 1");
   EXPECT_EQ(StepsOf(true, 0), "initial, fill") << "nothing checks what would be offered to passes";
   EXPECT_EQ(StepsOf(true, 2), "initial, fill for passes, pass 0, pass 1, fill");
+  EXPECT_EQ(StepsOf(MakePreset("acmm")),
+            "initial at level 2, pass 0 at level 2, pass 1 at level 2, "
+            "next scale at level 1, pass 0 at level 1, pass 1 at level 1, next scale, pass 0, pass 1");
 }
 
 }  // namespace
