@@ -89,7 +89,12 @@ PlannedScene::PlannedScene(const ReconstructOptions& options)
     : frames(scene, options.max_image_size, options.MemoryBytes(options.kImageShare)) {
   const std::optional<std::string> content = ReadWorkFile(PlanFile(options.output));
   if (!content) throw InvalidInputError(Concat(options.output.string(), ": has no plan: give --plan first"));
-  ParsePlan(*content, options.scene, &scene, &plan, &files);
+  try {
+    ParsePlan(*content, options.scene, &scene, &plan, &files);
+  } catch (const Json::exception& error) {
+    throw InvalidInputError(Concat(options.output.string(), ": its plan is of another version (", error.what(),
+                                   "): give --plan --overwrite first"));
+  }
 }
 
 /// Does stages, one after the other. Devices, the plan and images are kept from one to the next: images within their

@@ -7,6 +7,7 @@
 
 #include "reconstruction/run_fixture.h"
 #include "support/error_text.h"
+#include "work_files.h"
 
 namespace acmp {
 namespace {
@@ -256,6 +257,10 @@ TEST_F(StagesTest, RefuseWhatIsNotPlannedOrHasChanged) {
   options_.seed = 1;
   EXPECT_THAT(Error(), HasSubstr("holds a run with other settings"));
   Stage("step_0", "0-1", &fake_);
+  const std::string plan = *ReadWorkFile(output() / "work/plan/000000.bin");
+  WriteWorkFile(output() / "work/plan/000000.bin", "{}");
+  EXPECT_THAT(StageError("step_1", "0-1"), HasSubstr("its plan is of another version"));
+  WriteWorkFile(output() / "work/plan/000000.bin", plan);
   ChangeImage1();
   EXPECT_THAT(StageError("step_1", "0-1"), HasSubstr("00000001.png: it, its mask or its prior depth has changed"));
 }
