@@ -76,7 +76,7 @@ def play(bag, rate=20):
                    timeout=600)
 
 
-def images_told():
+def image_counts():
     """How many images the mapper has received, and how many of them wait for their pose or cloud, as its next diagnostics
     say."""
     received = []
@@ -120,10 +120,10 @@ class Session:
         """Plays the bag and returns the points of the map afterwards."""
         with rosbag.Bag(bag) as recorded:
             count = recorded.get_message_count(TOPICS["image"])
-        before, waited = images_told()
+        before, waited = image_counts()
 
         def has_all():
-            received, waiting = images_told()
+            received, waiting = image_counts()
             return received >= before + count and waiting <= waited
         # A player that ends at once takes with it what has not been sent by then, on a busy machine.
         player = subprocess.Popen(play_command(bag, "--keep-alive"), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
