@@ -1,7 +1,10 @@
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/median.h"
+#include "acmp_mapping/geometry/lens.h"
 #include "input_file.h"
 #include "scene_readers.h"
 
@@ -14,16 +17,33 @@ bool HasModel(const std::filesystem::path& folder, const char* extension) {
          std::filesystem::exists(folder / (std::string("images") + extension), ignored);
 }
 
+struct ColmapFeature {
+  Eigen::Vector2d pixel;  ///< COLMAP's: pixel centres at +0.5; nan where it was undistorted to nowhere
+  int64_t point_id = -1;  ///< -1: none
+};
+
 /// Collects what the text and the binary reader find and checks that it fits together.
 class ColmapModelBuilder {
  public:
   void AddCamera(const std::string& where, int64_t id, ColmapCamera camera);
   void AddPoint(const std::string& where, int64_t id, const Eigen::Vector3d& point_in_world);
-  /// Points and cameras must have been added before. `point_ids`: -1 (as signed) for features without a point.
-  void AddImage(const std::string& where, ColmapImage image, const std::vector<int64_t>& point_ids);
+  /// Points and cameras must have been added before.
+  void AddImage(const std::string& where, ColmapImage image, const std::vector<ColmapFeature>& features);
+  void AddWarning(std::string warning) { model_.warnings.push_back(std::move(warning)); }
   ColmapModel Finish(const std::filesystem::path& folder);
 
  private:
+  /// Features far from where their points project to.
+  struct Misfit {
+    std::string image;
+    double median_px = 0;
+  };
+  void CheckFeatures(const ColmapImage& image, const std::vector<ColmapFeature>& features);
+  void WarnOfMisfits();
+  void SeeAllPoints();
+
+  std::vector<Misfit> misfits_;
+  size_t checked_images_ = 0;
   ColmapModel model_;
   std::unordered_map<int64_t, int> point_index_;
   std::unordered_map<int64_t, std::string> name_of_image_;
@@ -43,7 +63,8 @@ void ColmapModelBuilder::AddPoint(const std::string& where, int64_t id, const Ei
   model_.landmarks_in_world.push_back(point_in_world);
 }
 
-void ColmapModelBuilder::AddImage(const std::string& where, ColmapImage image, const std::vector<int64_t>& point_ids) {
+void ColmapModelBuilder::AddImage(const std::string& where, ColmapImage image,
+                                  const std::vector<ColmapFeature>& features) {
   if (model_.cameras.count(image.camera_id) == 0) {
     throw InvalidInputError(Concat(where, ": image ", image.name, " names camera id ", image.camera_id,
                                    ", which the cameras file does not have"));
@@ -54,15 +75,16 @@ void ColmapModelBuilder::AddImage(const std::string& where, ColmapImage image, c
   if (!image_of_name_.emplace(image.name, image.id).second) {
     throw InvalidInputError(Concat(where, ": image name ", image.name, " occurs twice"));
   }
-  for (int64_t point_id : point_ids) {
-    if (point_id == -1) continue;
-    const auto found = point_index_.find(point_id);
+  for (const ColmapFeature& feature : features) {
+    if (feature.point_id == -1) continue;
+    const auto found = point_index_.find(feature.point_id);
     if (found == point_index_.end()) {
-      throw InvalidInputError(Concat(where, ": image ", image.name, " names point id ", point_id,
+      throw InvalidInputError(Concat(where, ": image ", image.name, " names point id ", feature.point_id,
                                      ", which the points3D file does not have"));
     }
     image.landmark_indices.push_back(found->second);
   }
+  CheckFeatures(image, features);
   // A point can have several features in one image; it is one landmark all the same.
   auto& indices = image.landmark_indices;
   std::sort(indices.begin(), indices.end());
@@ -70,10 +92,67 @@ void ColmapModelBuilder::AddImage(const std::string& where, ColmapImage image, c
   model_.images.push_back(std::move(image));
 }
 
+void ColmapModelBuilder::CheckFeatures(const ColmapImage& image, const std::vector<ColmapFeature>& features) {
+  constexpr size_t kFewest = 10, kSample = 500;
+  constexpr double kFar_px = 4,
+                   kFarShare = 0.003;  // COLMAP keeps those within 4 px; of the longer side, where it is large
+  constexpr double kBehind_px = 1e4;
+  const ColmapCamera& camera = model_.cameras.at(image.camera_id);
+  const Lens lens(camera.camera, camera.distortion);
+  std::vector<double> errors;
+  const size_t step = 1 + features.size() / kSample;
+  for (size_t i = 0; i < features.size(); i += step) {
+    const Eigen::Vector2d& pixel = features[i].pixel;
+    if (features[i].point_id == -1 || !pixel.allFinite() || pixel.isZero(0)) continue;
+    const Eigen::Vector3d& point =
+        model_.landmarks_in_world[static_cast<size_t>(point_index_.at(features[i].point_id))];
+    const auto projected = lens.Project(image.cam_from_world * point);
+    errors.push_back(projected ? (*projected - pixel + Eigen::Vector2d(0.5, 0.5)).norm() : kBehind_px);
+  }
+  if (errors.size() < kFewest) return;
+  ++checked_images_;
+  const double median_px = Median(std::move(errors));
+  const double far_px = std::max(kFar_px, kFarShare * std::max(camera.camera.width, camera.camera.height));
+  if (median_px > far_px) misfits_.push_back({image.name, median_px});
+}
+
+void ColmapModelBuilder::WarnOfMisfits() {
+  if (misfits_.empty()) return;
+  std::sort(misfits_.begin(), misfits_.end(),
+            [](const Misfit& a, const Misfit& b) { return a.median_px < b.median_px; });
+  const Misfit& middle = misfits_[misfits_.size() / 2];
+  AddWarning(Concat("features and landmarks disagree in ", misfits_.size(), " of ", checked_images_, " images: in ",
+                    middle.image, " the landmarks project ", std::lround(middle.median_px),
+                    " px (median) from their features. Coordinates were written with too few digits, points and poses "
+                    "are of different states, or cameras are those of other images"));
+}
+
+void ColmapModelBuilder::SeeAllPoints() {
+  constexpr size_t kSample = 50000;  // of all images' points: some tell a depth range
+  const std::vector<Eigen::Vector3d>& points = model_.landmarks_in_world;
+  if (points.empty() || std::any_of(model_.images.begin(), model_.images.end(),
+                                    [](const ColmapImage& image) { return !image.landmark_indices.empty(); })) {
+    return;
+  }
+  const size_t step = 1 + points.size() / kSample;
+  for (ColmapImage& image : model_.images) {
+    const ColmapCamera& camera = model_.cameras.at(image.camera_id);
+    const Lens lens(camera.camera, camera.distortion);
+    for (size_t i = 0; i < points.size(); i += step) {
+      const auto pixel = lens.Project(image.cam_from_world * points[i]);
+      if (pixel && camera.camera.Contains(*pixel)) image.landmark_indices.push_back(static_cast<int>(i));
+    }
+  }
+  AddWarning(Concat("no image of the model names the points that it sees (tracks): of its ", points.size(),
+                    " points each is taken to see those that project into it, also what walls hide"));
+}
+
 ColmapModel ColmapModelBuilder::Finish(const std::filesystem::path& folder) {
   if (model_.images.empty()) throw InvalidInputError(Concat(folder.string(), ": the COLMAP model has no images"));
   std::sort(model_.images.begin(), model_.images.end(),
             [](const ColmapImage& a, const ColmapImage& b) { return a.id < b.id; });
+  WarnOfMisfits();
+  SeeAllPoints();
   return std::move(model_);
 }
 
@@ -113,15 +192,15 @@ class BinaryRecords {
     constexpr size_t kMaxLength = 4096;
     return file_.ReadUntil('\0', kMaxLength, "image name");
   }
-  /// Of each feature of an image: -1 for one without a point.
-  std::vector<int64_t> PointIds() {
+  std::vector<ColmapFeature> Features() {
     constexpr uint64_t kCoordinates = 8 + 8, kId = 8;
-    std::vector<int64_t> ids(file_.ReadCount(kCoordinates + kId, "number of features"));
-    for (int64_t& id : ids) {
-      file_.Skip(kCoordinates, "feature");
-      id = Integer<uint64_t>("feature's point id");  // all bits set: none
+    std::vector<ColmapFeature> features(file_.ReadCount(kCoordinates + kId, "number of features"));
+    for (ColmapFeature& feature : features) {
+      feature.pixel.x() = file_.Read<double>("feature x");
+      feature.pixel.y() = file_.Read<double>("feature y");
+      feature.point_id = Integer<uint64_t>("feature's point id");  // all bits set: none
     }
-    return ids;
+    return features;
   }
   void EndCamera() {}
   /// Passes over colour, error and track.
@@ -130,6 +209,7 @@ class BinaryRecords {
     file_.Skip(kColorAndError, "point");
     file_.Skip(file_.ReadCount(kTrackElement, "track length") * kTrackElement, "track");
   }
+  static std::string Warning() { return ""; }
 
  private:
   BinaryReader file_;
@@ -145,14 +225,9 @@ class TextRecords {
       : what_(what), reader_(path) {}
 
   bool Next() {
-    if (reader_.NextContentLine()) {
-      ++count_;
-      return true;
-    }
-    // COLMAP announces the number in a comment: the only way to see that a file was cut between lines.
-    if (reader_.announced_count() <= count_) return false;
-    reader_.Fail(Concat("the file ends after ", count_, " ", what_, " but its header announces ",
-                        reader_.announced_count(), ": truncated"));
+    if (!std::exchange(is_next_, false) && !reader_.NextContentLine()) return false;
+    ++count_;
+    return true;
   }
   std::string Where() const { return reader_.Where(); }
   template <class T>
@@ -162,24 +237,36 @@ class TextRecords {
   double Real(const char* name) { return reader_.Real(name); }
   const ColmapCameraModel& CameraModel() { return FindColmapCameraModel(Where(), reader_.Word("camera model")); }
   std::string ImageName() { return reader_.Rest("image name"); }
-  std::vector<int64_t> PointIds() {
-    // Their line may be empty (no features) but must be there.
-    if (!reader_.NextLine()) reader_.Fail("the line of the image's features is missing: truncated");
-    std::vector<int64_t> ids;
-    while (!reader_.AtEnd()) {
-      reader_.Word("feature x");  // not needed, and nan where COLMAP undistorted a feature to nowhere
-      reader_.Word("feature y");
-      ids.push_back(reader_.Integer("feature's point id"));
+  /// COLMAP writes a line of them, which may be empty. Other programs leave it out where there are none, and editors at
+  /// the end of the file.
+  std::vector<ColmapFeature> Features() {
+    if (!reader_.NextLine()) return {};
+    constexpr int kImageName = 9;  // the place in an image's line; features have numbers only
+    is_next_ = reader_.HasText(kImageName);
+    std::vector<ColmapFeature> features;
+    while (!is_next_ && !reader_.AtEnd()) {
+      ColmapFeature feature;
+      feature.pixel.x() = reader_.RealOrNan("feature x");
+      feature.pixel.y() = reader_.RealOrNan("feature y");
+      feature.point_id = reader_.Integer("feature's point id");
+      features.push_back(feature);
     }
-    return ids;
+    return features;
   }
   void EndCamera() { reader_.ExpectEnd(); }
   void EndPoint() {}
+  /// COLMAP announces the number in a comment: the only way to see that a file was cut between lines.
+  std::string Warning() const {
+    if (reader_.announced_count() <= count_) return "";
+    return Concat(reader_.Where(), ": the file ends after ", count_, " ", what_, ", and its header announces ",
+                  reader_.announced_count(), ": it was cut off, or edited");
+  }
 
  private:
   const char* what_;
   TextReader reader_;
   int64_t count_ = 0;
+  bool is_next_ = false;  ///< the line that was read is the next record's
 };
 
 template <class Records>
@@ -196,6 +283,7 @@ void ReadCameras(const std::filesystem::path& folder, ColmapModelBuilder* builde
     records.EndCamera();
     builder->AddCamera(records.Where(), id, MakeColmapCamera(records.Where(), model, width, height, parameters));
   }
+  if (std::string warning = records.Warning(); !warning.empty()) builder->AddWarning(std::move(warning));
 }
 
 template <class Records>
@@ -209,6 +297,7 @@ void ReadPoints(const std::filesystem::path& folder, ColmapModelBuilder* builder
     records.EndPoint();
     builder->AddPoint(records.Where(), id, point);
   }
+  if (std::string warning = records.Warning(); !warning.empty()) builder->AddWarning(std::move(warning));
 }
 
 template <class Records>
@@ -226,9 +315,10 @@ void ReadImages(const std::filesystem::path& folder, ColmapModelBuilder* builder
     image.camera_id = records.template Integer<uint32_t>("camera id");
     image.name = records.ImageName();
     image.cam_from_world = MakeColmapPose(where, quaternion, translation);
-    const std::vector<int64_t> point_ids = records.PointIds();
-    builder->AddImage(where, std::move(image), point_ids);
+    const std::vector<ColmapFeature> features = records.Features();
+    builder->AddImage(where, std::move(image), features);
   }
+  if (std::string warning = records.Warning(); !warning.empty()) builder->AddWarning(std::move(warning));
 }
 
 template <class Records>
@@ -259,6 +349,7 @@ Scene ReadColmapScene(const std::filesystem::path& root, const std::filesystem::
   Scene scene;
   scene.root = root;
   scene.landmarks_in_world = std::move(model.landmarks_in_world);
+  scene.warnings = std::move(model.warnings);
   size_t missing = 0;
   std::filesystem::path first_missing;
   for (ColmapImage& colmap_image : model.images) {

@@ -75,7 +75,10 @@ std::string ReadInput(const std::filesystem::path& path, size_t max_bytes) {
 
 bool TextReader::NextLine() {
   if (!std::getline(stream_, line_)) return false;
-  ++line_number_;
+  constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
+  if (++line_number_ == 1 && line_.compare(0, kByteOrderMark.size(), kByteOrderMark) == 0) {
+    line_.erase(0, kByteOrderMark.size());
+  }
   if (!line_.empty() && line_.back() == '\r') line_.pop_back();
   at_ = 0;
   SkipSpace();
@@ -119,11 +122,30 @@ double TextReader::Real(const char* name) {
   return value;
 }
 
+double TextReader::RealOrNan(const char* name) {
+  double value = 0;
+  return ParseWhole(NextWord(name), &value) ? value : NAN;
+}
+
+bool TextReader::HasText(int place) const {
+  std::string_view rest = line_;
+  for (int i = 0;; ++i) {
+    rest.remove_prefix(std::min(rest.find_first_not_of(kSpace), rest.size()));
+    const std::string_view word = rest.substr(0, rest.find_first_of(kSpace));
+    double value = 0;
+    if (word.empty() || i == place) return !word.empty() && !ParseWhole(word, &value);
+    rest.remove_prefix(word.size());
+  }
+}
+
 int64_t TextReader::Integer(const char* name) {
   const std::string_view word = NextWord(name);
   int64_t value = 0;
-  if (!ParseWhole(word, &value)) Fail(Concat(name, " = \"", word, "\": must be a whole number"));
-  return value;
+  if (ParseWhole(word, &value)) return value;
+  double real = 0;
+  constexpr double kExact = 9007199254740992;  // 2^53
+  if (ParseWhole(word, &real) && std::abs(real) < kExact && real == std::floor(real)) return static_cast<int64_t>(real);
+  Fail(Concat(name, " = \"", word, "\": must be a whole number"));
 }
 
 std::string TextReader::Rest(const char* name) {

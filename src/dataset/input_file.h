@@ -23,18 +23,22 @@ class TextReader {
  public:
   explicit TextReader(const std::filesystem::path& path) : path_(path), stream_(OpenInput(path)) {}
 
-  /// False at the end of the file. A carriage return at the end of a line is dropped.
+  /// False at the end of the file. A carriage return at the end of a line, and a byte order mark before the first, are
+  /// dropped.
   bool NextLine();
   /// The next line that is neither blank nor a comment (#).
   bool NextContentLine();
 
   bool AtEnd() const { return at_ == line_.size(); }  ///< of the line
   std::string Word(const char* name) { return std::string(NextWord(name)); }
-  double Real(const char* name);  ///< finite
-  int64_t Integer(const char* name);
+  double Real(const char* name);       ///< finite
+  double RealOrNan(const char* name);  ///< nan for any word that is no number
+  int64_t Integer(const char* name);   ///< also as "160.0"
   /// Everything that is left of the line, without white space at its end.
   std::string Rest(const char* name);
   void ExpectEnd() const;
+  /// Whether the line has a word of this place, from 0, that is no number.
+  bool HasText(int place) const;
 
   std::string Where() const { return Concat(path_.string(), ":", line_number_); }
   [[noreturn]] void Fail(const std::string& message) const { throw InvalidInputError(Concat(Where(), ": ", message)); }

@@ -190,6 +190,7 @@ void AddLandmarks(const std::filesystem::path& model_folder, PixelCenters center
   }
   for (SceneImage& image : scene->images) image.landmark_indices = by_name.at(image.name)->landmark_indices;
   scene->landmarks_in_world = std::move(model.landmarks_in_world);
+  scene->warnings.insert(scene->warnings.end(), model.warnings.begin(), model.warnings.end());
 }
 
 }  // namespace
@@ -209,6 +210,15 @@ Scene ReadMvsnetScene(const std::filesystem::path& root, const std::filesystem::
   }
   const auto model_folder = FindColmapModel(root);
   if (model_folder) AddLandmarks(*model_folder, centers, &scene);
+  const auto is_open = [](const SceneImage& image) { return !image.depth_range; };
+  const auto open = std::find_if(scene.images.begin(), scene.images.end(), is_open);
+  if (open != scene.images.end() && scene.landmarks_in_world.empty()) {
+    const auto index = static_cast<int>(open - scene.images.begin());
+    scene.warnings.push_back(Concat((root / "cams" / StringPrintf("%08d_cam.txt", index)).string(),
+                                    ": the last line names the nearest depth and the interval, and no number of depths "
+                                    "(192 with MVSNet's DTU files) and no farthest depth: give --depth-min and "
+                                    "--depth-max, or write \"depth_min interval number depth_max\""));
+  }
   return scene;
 }
 

@@ -30,6 +30,7 @@ struct ColmapModel {
   std::unordered_map<int64_t, ColmapCamera> cameras;
   std::vector<ColmapImage> images;  ///< ascending id
   std::vector<Eigen::Vector3d> landmarks_in_world;
+  std::vector<std::string> warnings;
 };
 
 /// One of COLMAP's camera models: focal lengths, cx, cy, distortion coefficients.
@@ -56,7 +57,9 @@ RigidTransform MakeColmapPose(const std::string& where, const Eigen::Vector4d& q
 /// The folder among `root`, `root/sparse`, `root/sparse/0` that holds a model, if any.
 std::optional<std::filesystem::path> FindColmapModel(const std::filesystem::path& root);
 
-/// Reads a model, binary where both kinds are there (as COLMAP does).
+/// Reads a model, binary where both kinds are there (as COLMAP does). Where no point has a track, as other programs
+/// write models, each image gets those that it could see. Warns where features do not lie where their points project
+/// to, and where a text file has fewer records than it announces.
 ColmapModel ReadColmapModel(const std::filesystem::path& folder);
 
 Scene ReadColmapScene(const std::filesystem::path& root, const std::filesystem::path& model_folder,

@@ -299,11 +299,63 @@ TEST_F(ColmapTest, BadTextIsNamedWithItsPlace) {
   expect_error(&images, "5 6 11", "5 6 13", "point id 13");
   expect_error(&images, "3 1 0 0 0", "7 1 0 0 0", "image id 7 occurs twice");
   expect_error(&images, "000000.png", "000001.png", "000001.png occurs twice");
-  expect_error(&images, "1 2 12 3.5", "1 2 12 3.5 9", "images.txt:4");  // not groups of three
-  // Files that are cut off.
-  expect_error(&images, "3 1 0 0 0 0 0 0 1 000000.png\n\n", "", "announces 2");
-  expect_error(&images, "000000.png\n\n", "000000.png\n", "truncated");
-  expect_error(&points, "12 -1.5 0 4e0 10 20 30 0.5 7 0\n", "", "announces 2");
+  expect_error(&images, "1 2 12 3.5", "1 2 12 3.5 9", "images.txt:4");           // not groups of three
+  expect_error(&points, "12 -1.5 0 4e0 10 20 30 0.5 7 0\n", "", "point id 12");  // cut off
+}
+
+TEST_F(ColmapTest, FewerRecordsThanTheHeaderAnnouncesAreAWarning) {
+  images = Replaced(images, "3 1 0 0 0 0 0 0 1 000000.png\n\n", "");
+  const Scene scene = ReadColmap();
+  EXPECT_EQ(scene.images.size(), 1u);
+  EXPECT_THAT(scene.warnings, ElementsAre(HasAll("images.txt", "after 1 images", "announces 2")));
+}
+
+TEST_F(ColmapTest, ReadsTextAsOtherProgramsAndEditorsLeaveIt) {
+  const std::string good_cameras = cameras, good_images = images;
+  cameras = "\xEF\xBB\xBF" + Replaced(cameras, "PINHOLE 32 24", "PINHOLE 32.0 24.");
+  ExpectTheScene(ReadColmap());
+  cameras = Replaced(good_cameras, "PINHOLE 32 24", "PINHOLE 32.5 24");
+  EXPECT_THAT(TextError(), HasAll("cameras.txt", "32.5", "whole number"));
+  cameras =
+      "\xEF\xBB\xBF"
+      "1 PINHOLE 32 24 30 31 16.25 12.75\n";
+  for (const char* end : {"000000.png\n", "000000.png"}) {  // no line of features behind the last image
+    images = Replaced(good_images, "000000.png\n\n", end);
+    const Scene scene = ReadColmap();
+    ExpectTheScene(scene);
+    EXPECT_THAT(scene.warnings, ElementsAre());
+  }
+  images = "3 1 0 0 0 0 0 0 1 000000.png\n7 0.5 0.5 0.5 0.5 0.1 0.2 0.3 1 000001.png\n1 2 12 3.5 4.5 -1 5 6 11\n";
+  ExpectTheScene(ReadColmap());
+}
+
+TEST_F(ColmapTest, WithoutTracksPointsAreThoseThatProjectIntoTheImage) {
+  images = Replaced(images, "1 2 12 3.5 4.5 -1 5 6 11 1.5 2 12", "");
+  // Before the first image (z > 0) lie the first two; the third is behind it, the fourth beside what it sees.
+  points = "11 0 0 4 10 20 30 0.5\n12 0.5 0.2 5 10 20 30 0.5\n13 0 0 -4 10 20 30 0.5\n14 9 0 4 10 20 30 0.5\n";
+  const Scene scene = ReadColmap();
+  EXPECT_THAT(scene.images[0].landmark_indices, ElementsAre(0, 1));
+  EXPECT_THAT(scene.warnings, ElementsAre(HasAll("tracks", "4 points")));
+}
+
+TEST_F(ColmapTest, FeaturesFarFromTheirLandmarksAreTold) {
+  const auto warnings = [&](double off, double shift_of_camera) {
+    std::string features;
+    points.clear();
+    const PinholeCamera camera{32, 24, 30, 31, 15.75, 12.25};
+    for (int i = 0; i < 12; ++i) {
+      const Eigen::Vector3d point(0.1 * i - 0.5, 0.05 * i - 0.2, 3 + 0.1 * i);
+      const Eigen::Vector2d pixel = camera.Project(point);
+      features += Concat(pixel.x() + 0.5 + off, " ", pixel.y() + 0.5, " ", i, " ");
+      points += Concat(i, " ", point.x(), " ", point.y(), " ", point.z(), " 1 2 3 0.5\n");
+    }
+    images =
+        Concat("3 1 0 0 0 ", shift_of_camera, " 0 0 1 000000.png\n", features, "\n7 1 0 0 0 0 0 0 1 000001.png\n\n");
+    return ReadColmap().warnings;
+  };
+  EXPECT_THAT(warnings(0.3, 0), ElementsAre());
+  EXPECT_THAT(warnings(0, 2), ElementsAre(HasAll("1 of 1 images", "000000.png", "too few digits")));
+  EXPECT_THAT(warnings(20, 0), ElementsAre(HasAll("features and landmarks", "20 px")));
 }
 
 TEST_F(ColmapTest, MissingImageFileIsNamed) {

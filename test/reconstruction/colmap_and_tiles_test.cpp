@@ -7,6 +7,7 @@
 #include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <string>
 
 #include "acmp_mapping/dataset/colmap_workspace.h"
@@ -76,6 +77,29 @@ TEST_F(ReconstructColmapTest, PointsAreThoseOfTheCloudAndOfTheImagesThatSeeThem)
       ASSERT_TRUE(image.camera.Contains(image.camera.Project(in_cam)));
     }
   }
+}
+
+/// COLMAP's fusion has float32 coordinates.
+TEST_F(ReconstructColmapTest, FarFromTheOriginTheModelHasAnOriginOfItsOwn) {
+  Run();
+  EXPECT_FALSE(Has("origin.txt"));
+  const Scene close = ReadScene(output() / "colmap", SceneFormat::kColmap);
+  offset_ = {500000, 5500000, 200};
+  WriteScene(kImages, kWidth, kHeight);
+  options_.output = output("far");
+  Run();
+  const Scene distant = ReadScene(options_.output / "colmap", SceneFormat::kColmap);
+  std::istringstream file(ReadText(options_.output / "colmap/origin.txt"));
+  Eigen::Vector3d origin;
+  file >> origin.x() >> origin.y() >> origin.z();
+  ASSERT_EQ(distant.images.size(), close.images.size());
+  for (size_t i = 0; i < distant.images.size(); ++i) {
+    const Eigen::Vector3d centre = distant.images[i].cam_from_world.inverse().translation();
+    EXPECT_LT(centre.norm(), 100);
+    EXPECT_LT((origin + centre - offset_ - close.images[i].cam_from_world.inverse().translation()).norm(), 1e-4);
+  }
+  ASSERT_FALSE(distant.landmarks_in_world.empty());
+  EXPECT_LT(distant.landmarks_in_world.front().norm(), 100);
 }
 
 TEST_F(ReconstructColmapTest, KeepsNamesAndFolders) {
