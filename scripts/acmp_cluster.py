@@ -7,12 +7,16 @@ same command goes on where it was stopped; the results have the same bytes as th
 
   acmp_cluster.py SCENE OUTPUT                                       # on this machine, a worker for each core
   acmp_cluster.py SCENE OUTPUT --workers 2 -- --preset online        # after --: options of acmp_reconstruct
-  acmp_cluster.py SCENE OUTPUT --scheduler tcp://HOST:8786 --resources GPU=1 -- --device cuda
+  acmp_cluster.py SCENE OUTPUT --scheduler tls://HOST:8786 --resources GPU=1 -- --device cuda
+
+Whoever reaches a Dask scheduler runs programs as its owner. The cluster on this machine is inside this process and listens
+nowhere; others need TLS with certificates on both sides: scripts/acmp_cluster.sbatch shows how.
 
 Needs Debian's python3-distributed. Exit codes: 0 done, 2 wrong use or input, 1 failed or interrupted.
 """
 
 import argparse
+import concurrent.futures
 import contextlib
 import ctypes
 import datetime
@@ -56,7 +60,7 @@ def parse_arguments():
     parser.add_argument("scene", help="as for acmp_reconstruct")
     parser.add_argument("output", help="as for acmp_reconstruct; on a file system that all workers see")
     address = parser.add_mutually_exclusive_group()
-    address.add_argument("--scheduler", help="address of a Dask scheduler that is there, tcp://HOST:PORT")
+    address.add_argument("--scheduler", help="address of a Dask scheduler that is there, tls://HOST:PORT")
     address.add_argument("--scheduler-file", help="file in which a Dask scheduler has written its address")
     parser.add_argument("--workers", type=count, default=0, help="of the local cluster, an acmp_reconstruct each; 0: one "
                         "per core")
@@ -64,7 +68,6 @@ def parse_arguments():
                         "must be started with --resources GPU=N, those of the local cluster have it once")
     parser.add_argument("--retries", type=count, default=3, help="of a task that fails (%(default)s)")
     parser.add_argument("--program", default="acmp_reconstruct", help="acmp_reconstruct on the workers")
-    parser.add_argument("--dashboard", default=":0", help="address of the local cluster's dashboard; needs bokeh")
     parser.add_argument("--quiet", action="store_true", help="no progress; only warnings and errors")
     words = sys.argv[1:]
     end = words.index("--") if "--" in words else len(words)
@@ -85,15 +88,19 @@ def parse_arguments():
 
 
 class StageProcess:
-    """An acmp_reconstruct on a worker, which does one stage after the other and ends with it."""
+    """An acmp_reconstruct on a worker, which does one stage after the other and ends with it.
 
-    def __init__(self, command):
+    `starter`: has one thread, as long as the worker lives: the kernel ends a process with the thread that has started it,
+    and Dask's come and go."""
+
+    def __init__(self, command, starter):
         self.command, self.timer = command, None
         # Dask sets this for its workers. It makes an allocation of an image a call of the kernel: 10 % of the time.
         environment = {name: value for name, value in os.environ.items() if name != "MALLOC_TRIM_THRESHOLD_"}
-        self.program = subprocess.Popen([*command, "--stages"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                        stderr=subprocess.STDOUT, text=True, errors="replace", env=environment,
-                                        preexec_fn=lambda: ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL))
+        self.program = starter.submit(
+            subprocess.Popen, [*command, "--stages"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            text=True, errors="replace", env=environment,
+            preexec_fn=lambda: ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)).result()
 
     def run(self, stage):
         """`stage`: a line for --stages. Returns what it said. After a StageError it has ended."""
@@ -121,7 +128,7 @@ class StageProcess:
         return self.program.wait()
 
     @classmethod
-    def take(cls, idle, command):
+    def take(cls, idle, command, starter):
         """One of the idle ones, or a new one. Those of other commands end, so that they hold no memory of a GPU."""
         with contextlib.suppress(IndexError):
             while True:
@@ -130,7 +137,7 @@ class StageProcess:
                 if process.command == command:
                     return process
                 process.end()
-        return cls(command)
+        return cls(command, starter)
 
     def give_back(self, idle):
         self.timer = threading.Timer(IDLE_S, self.end_if_in, [idle])
@@ -147,8 +154,10 @@ class StageProcess:
 def run_stage(command, stage, *_after):
     """On a worker. `stage`: a line for --stages; `_after`: results of what it waits for."""
     from distributed import get_worker
-    idle = get_worker().__dict__.setdefault("acmp_stage_processes", [])
-    process = StageProcess.take(idle, command)
+    own = get_worker().__dict__
+    idle = own.setdefault("acmp_stage_processes", [])
+    starter = own.setdefault("acmp_starter", concurrent.futures.ThreadPoolExecutor(1))
+    process = StageProcess.take(idle, command, starter)
     said = process.run(stage)
     process.give_back(idle)
     if said:
@@ -173,13 +182,21 @@ def connect(arguments):
     import dask
     from distributed import Client, LocalCluster
     if not arguments.local:
-        return Client(address=arguments.scheduler, scheduler_file=arguments.scheduler_file), contextlib.nullcontext()
-    # One process whose threads each wait for an acmp_reconstruct: each further process takes 0.7 s of a core to start.
-    # To look at its threads a hundred times a second, and at the event loop fifty times, takes 5 % of a core.
-    dask.config.set({"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "1s"})
+        client = Client(address=arguments.scheduler, scheduler_file=arguments.scheduler_file)
+        if not client.scheduler.address.startswith("tls://"):
+            print(f"acmp_cluster.py: warning: {client.scheduler.address} is without TLS: whoever reaches it runs programs as "
+                  "its owner", file=sys.stderr, flush=True)
+        return client, contextlib.nullcontext()
+    # Threads of this process, which each wait for an acmp_reconstruct, and a scheduler beside them without a socket. To look
+    # at threads a hundred times a second, and at the event loop fifty times, takes 5 % of a core.
+    dask.config.set({"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "1s",
+                     "distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []})
     of_all = {name: number * arguments.workers for name, number in arguments.resources.items()}
-    cluster = LocalCluster(n_workers=1, threads_per_worker=arguments.workers, memory_limit=0, resources=of_all or None,
-                           dashboard_address=arguments.dashboard)
+    cluster = LocalCluster(n_workers=1, processes=False, threads_per_worker=arguments.workers, memory_limit=0,
+                           resources=of_all or None, dashboard_address="127.0.0.1:0",
+                           worker_dashboard_address="127.0.0.1:0")
+    for server in (cluster.scheduler, *cluster.workers.values()):
+        server.http_server.stop()  # Dask has no option for none
     return Client(cluster), cluster
 
 
@@ -235,7 +252,7 @@ def main():
     client, cluster = connect(arguments)
     with cluster, client:
         try:
-            if not arguments.quiet:
+            if not (arguments.quiet or arguments.local):
                 print(f"dashboard: {client.dashboard_link}", file=sys.stderr, flush=True)
             watch(submit(client, tasks, arguments), arguments.quiet)
         except StageError as error:

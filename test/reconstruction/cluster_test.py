@@ -5,13 +5,17 @@ Usage: cluster_test.py ACMP_RECONSTRUCT ACMP_MAKE_SCENE ACMP_CLUSTER. Exit code 
 there is no Dask distributed. Environment: ACMP_ALL_STAGES=1 to kill in every stage, which takes minutes; else in some.
 """
 
+import concurrent.futures
 import contextlib
 import importlib.util
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import unittest
 import unittest.mock
@@ -103,6 +107,13 @@ class ClusterTest(unittest.TestCase):
         return psutil.Process(int(next(held.glob(f"{stage}.*")).suffix[1:]))
 
     @staticmethod
+    def module():
+        spec = importlib.util.spec_from_file_location("acmp_cluster", CLUSTER)
+        cluster = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(cluster)
+        return cluster
+
+    @staticmethod
     def is_gone(process):
         """Within a minute."""
         with contextlib.suppress(psutil.NoSuchProcess):
@@ -148,6 +159,57 @@ class ClusterTest(unittest.TestCase):
             self.assertEqual(client.wait(timeout=300), 0, (self.folder / "killed.log").read_text()[-3000:])
         self.expect_same(output)
 
+    def test_a_local_cluster_listens_nowhere(self):
+        program, held = self.hold("local", ["step_0"])
+        with subprocess.Popen(self.command(self.folder / "local", "--program", program), stdout=subprocess.DEVNULL,
+                              stderr=subprocess.DEVNULL) as client:
+            process = self.wait_for_held(client, held, "step_0")
+            family = [psutil.Process(client.pid), *psutil.Process(client.pid).children(recursive=True)]
+            self.assertIn(process, family)
+            self.assertEqual([c.laddr for one in family for c in one.connections("inet") if c.status == "LISTEN"], [])
+            process.kill()
+            self.assertEqual(client.wait(timeout=300), 0)
+
+    def test_a_process_outlives_the_task_that_started_it(self):
+        cluster = self.module()
+        starter, idle = concurrent.futures.ThreadPoolExecutor(1), []
+        command = [PROGRAM, self.scene, str(self.folder / "alone"), *OPTIONS]
+        taken = []
+        thread = threading.Thread(target=lambda: taken.append(cluster.StageProcess.take(idle, command, starter)))
+        thread.start()
+        thread.join()
+        self.assertIn("already complete", taken[0].run("step_0 0-3"))
+        taken[0].end()
+
+    @unittest.skipUnless(shutil.which("openssl") and shutil.which("dask-scheduler"), "needs openssl and dask-scheduler")
+    def test_a_slurm_job_takes_none_without_its_certificate(self):
+        bin_folder, jobs = self.folder / "bin", self.folder / "jobs"
+        for folder in (bin_folder, jobs):
+            folder.mkdir()
+        for name, target in (("acmp_reconstruct", PROGRAM), ("acmp_cluster.py", CLUSTER)):
+            (bin_folder / name).symlink_to(target)
+        (bin_folder / "srun").write_text('#!/bin/sh\nexec "$@"\n')
+        (bin_folder / "srun").chmod(0o755)
+        program, held = self.hold("slurm", ["step_0"])
+        output = self.folder / "slurm"
+        with open(self.folder / "slurm.log", "w+", encoding="utf-8") as log:
+            job = subprocess.Popen([str(Path(CLUSTER).with_suffix(".sbatch")), self.scene, str(output), "--program", program,
+                                    "--", *OPTIONS], stdout=log, stderr=log, cwd=self.folder,
+                                   env={**os.environ, "PATH": f"{bin_folder}:{os.environ['PATH']}", "SLURM_JOB_ID": "7",
+                                        "SLURM_SUBMIT_DIR": str(jobs)})
+            process = self.wait_for_held(job, held, "step_0")
+            [folder] = jobs.iterdir()
+            self.assertEqual(folder.stat().st_mode & 0o077, 0)
+            address = json.loads((folder / "scheduler.json").read_text())["address"]
+            self.assertTrue(address.startswith("tls://"), address)
+            for other in (address, address.replace("tls://", "tcp://")):
+                with self.assertRaises((OSError, TypeError, ValueError, RuntimeError)):  # TypeError: no TLS context
+                    distributed.Client(other, timeout=3)
+            process.kill()
+            self.assertEqual(job.wait(timeout=300), 0, (self.folder / "slurm.log").read_text()[-3000:])
+        self.expect_same(output)
+        self.assertEqual(list(jobs.iterdir()), [])
+
     def test_the_client_killed_and_started_again(self):
         output = self.folder / "client"
         for stage in CLIENT_STAGES:
@@ -162,31 +224,30 @@ class ClusterTest(unittest.TestCase):
         self.expect_same(output)
 
     def test_a_process_ends_when_it_fails_is_idle_or_another_is_wanted(self):
-        spec = importlib.util.spec_from_file_location("acmp_cluster", CLUSTER)
-        cluster = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(cluster)
+        cluster = self.module()
         command = [PROGRAM, self.scene, str(self.folder / "alone"), *OPTIONS]
         idle = []
+        starter = concurrent.futures.ThreadPoolExecutor(1)
         with unittest.mock.patch.dict(os.environ, {"MALLOC_TRIM_THRESHOLD_": "65536", "OTHER": "kept"}):
-            process = cluster.StageProcess.take(idle, command)
+            process = cluster.StageProcess.take(idle, command, starter)
         environment = psutil.Process(process.program.pid).environ()
         self.assertEqual((environment.get("MALLOC_TRIM_THRESHOLD_"), environment.get("OTHER")), (None, "kept"))
         self.assertIn("already complete", process.run("step_0 0-3"))
         process.give_back(idle)
-        self.assertIs(cluster.StageProcess.take(idle, command), process)
+        self.assertIs(cluster.StageProcess.take(idle, command, starter), process)
         with self.assertRaisesRegex(cluster.StageError, "(?s)^exit code 2: --stages: line .* --stage step_0 --images"):
             process.run("step_0 0 1")
         self.assertEqual(process.program.returncode, 1)
-        process = cluster.StageProcess.take(idle, command)
+        process = cluster.StageProcess.take(idle, command, starter)
         process.program.kill()
         with self.assertRaisesRegex(cluster.StageError, "^exit code -9\n"):
             process.run("step_0 0-3")
         with self.assertRaisesRegex(cluster.StageError, "^exit code 2\n.*--seed"):
-            cluster.StageProcess.take(idle, [*command, "--seed", "nonsense"]).run("step_0 0-3")
-        first = cluster.StageProcess.take(idle, command)
+            cluster.StageProcess.take(idle, [*command, "--seed", "nonsense"], starter).run("step_0 0-3")
+        first = cluster.StageProcess.take(idle, command, starter)
         first.give_back(idle)
         cluster.IDLE_S = 0.1
-        second = cluster.StageProcess.take(idle, [*command, "--seed", "2"])
+        second = cluster.StageProcess.take(idle, [*command, "--seed", "2"], starter)
         self.assertEqual(first.program.returncode, 0)
         second.give_back(idle)
         second.timer.join()
