@@ -37,6 +37,15 @@ bundle() {
   build=${ACMP_BUILD_DIR:-$source/build_gpu_nodelets}
   root=$folder/root
   shift
+  for part in "$@"; do  # before the build: on the GPU machine it would be too late
+    if [ ! -f "$source/launch/frontends/${part%%=*}.launch" ]; then
+      echo "LAUNCH=BAG \"$part\": LAUNCH must be one of $(cd "$source/launch/frontends" && printf '%s ' *.launch | sed 's/\.launch//g')" >&2
+      exit 2
+    elif [ "${part#*=}" = "$part" ] || [ ! -f "${part#*=}" ]; then
+      echo "LAUNCH=BAG \"$part\": there is no such bag" >&2
+      exit 2
+    fi
+  done
   cmake -S "$source" -B "$build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DACMP_ROS=ON -DACMP_CUDA=ON \
     -DACMP_CUDA_ARCHITECTURES="${ACMP_CUDA_ARCHITECTURES:-90}" >/dev/null
   ninja -C "$build" acmp_mapping_nodelets acmp_mapping_generate_messages_py acmp_mapping_gencfg

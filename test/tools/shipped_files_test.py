@@ -4,6 +4,7 @@
 usage: shipped_files_test.py SOURCE_FOLDER"""
 import importlib.util
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -341,6 +342,33 @@ class PackageXml(unittest.TestCase):
     def test_ubuntu_20_04_is_asked_for_nothing_that_rosdep_lacks_there(self):
         self.package.evaluate_conditions({"ROS_DISTRO": "noetic"})
         self.assertEqual(self.names("build") & {"cli11", "libnanoflann-dev"}, set())
+
+
+class Scripts(unittest.TestCase):
+    def test_cuda_is_looked_for_again_and_a_compiler_that_fails_is_told_with_its_reason(self):
+        with tempfile.TemporaryDirectory() as folder:
+            compiler = Path(folder, "nvcc")
+            compiler.write_text("#!/bin/sh\necho call >>%s/calls\necho 'host_config.h:9: error: unsupported GNU version' >&2\n"
+                                "exit 1\n" % folder)
+            compiler.chmod(0o755)
+            Path(folder, "CMakeLists.txt").write_text(
+                "cmake_minimum_required(VERSION 3.16)\nproject(probe LANGUAGES CXX)\nset(ACMP_CUDA AUTO)\n"
+                "list(APPEND CMAKE_MODULE_PATH %s/src/cmake)\ninclude(AcmpModule)\ninclude(AcmpCuda)\n" % SOURCE)
+
+            def configure():
+                result = subprocess.run(["cmake", "-S", folder, "-B", folder + "/build"], capture_output=True, text=True,
+                                        check=True, env={**os.environ, "CUDACXX": str(compiler)})
+                self.assertIn("unsupported GNU version", result.stdout)
+                return len(Path(folder, "calls").read_text().split())
+            first = configure()
+            self.assertGreaterEqual(configure(), 2 * first, "the second time the compiler is tried as often")
+
+    def test_a_bundle_names_launch_files_that_are_there(self):
+        for argument, words in (("stella_vslam=x.bag", "stella_vslam_ros"), ("vins_mono=/none.bag", "no such bag")):
+            result = subprocess.run([SOURCE / "scripts/gpu_nodelets.sh", "bundle", "/nowhere", argument],
+                                    capture_output=True, text=True, check=False)
+            self.assertEqual(result.returncode, 2)
+            self.assertIn(words, result.stderr)
 
 
 class Viewers(unittest.TestCase):
