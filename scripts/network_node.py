@@ -7,17 +7,20 @@ topic mask. A YAML file says which network and how it is fed (config/networks).
 
 As a node it takes topic image as the mapper does (parameters image_transport and overload of dense_mapper), and
 publishes with the image's stamp and frame. Images that come while the network is busy are skipped, but for the newest;
-with overload: block none is. /diagnostics tells. Parameter ~threads: of a CPU, 0 (default): all of them.
+with overload: block they wait, in at most 1 GiB. /diagnostics tells. Pictures of image_transport:=compressed are JPEG or
+PNG, of the size that topic camera_info says. Parameter ~threads: of a CPU, 0 (default): all of them.
 
-Needs ONNX Runtime (pip install onnxruntime, or onnxruntime-gpu), numpy and PIL. Exit code 2: what is wrong with the
+Needs ONNX Runtime (pip install onnxruntime, or onnxruntime-gpu), numpy, PIL, and for pictures the Python module
+acmp_mapping.offline, which this package builds. Exit code 2: what is wrong with the
 file or the network; the mapper goes on without.
 """
 import argparse
 import collections
 import contextlib
 import difflib
-import io
 import math
+import os
+import signal
 import sys
 import threading
 import time
@@ -45,6 +48,10 @@ CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4, "yuv422": 2, "y
             "bayer_bggr": 1, "bayer_gbrg": 1, "bayer_grbg": 1}
 ALIASES = {"8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8", "uyvy": "yuv4228", "yuv422": "yuv4228",
            "yuyv": "yuv422_yuy28", "yuv422_yuy2": "yuv422_yuy28"}
+
+
+WAITING_BYTES = 1 << 30  # of images that wait with overload: block
+UNTOLD_PIXELS = 1 << 24  # of a picture whose size no camera_info has told
 
 
 class Refused(Exception):
@@ -307,15 +314,31 @@ def rgb_of_yuv(pixels, luma):
     return np.asarray(picture.convert("RGB"))
 
 
-def decoded(data):
-    """RGB, uint8, of the bytes of a picture, as it is stored (whatever its EXIF says of its orientation)."""
+def picture_decoder():
+    """decode_image of acmp_mapping.offline, the mapper's own. Not PIL's: that tries dozens of formats on what a sender calls a
+    JPEG, and starts other programs for some."""
     try:
-        picture = PIL.Image.open(io.BytesIO(data))
-        if picture.mode.startswith("I"):
-            return np.repeat((np.asarray(picture) >> 8).astype(np.uint8)[:, :, None], 3, 2)
-        return np.asarray(picture.convert("RGB"))
-    except (OSError, ValueError, SyntaxError, PIL.Image.DecompressionBombError) as error:
-        raise Refused(f"picture of {len(data)} bytes: {error}") from error
+        from acmp_mapping import offline  # pylint: disable=import-outside-toplevel
+    except ImportError as error:
+        raise Refused("the Python module acmp_mapping.offline is missing (source the workspace's setup.bash; built with "
+                      f"ACMP_PYTHON=ON): {error}") from error
+    return offline.decode_image
+
+
+def decoded(data, size=None, max_pixels=1 << 28):
+    """RGB, uint8, of the bytes of a JPEG or PNG, as it is stored (whatever its EXIF says of its orientation). `size`: width
+    and height that its header must say."""
+    try:
+        return picture_decoder()(bytes(data), size=size, max_pixels=max_pixels, name=f"picture of {len(data)} bytes")
+    except (ValueError, RuntimeError, MemoryError) as error:
+        raise Refused(str(error) or f"picture of {len(data)} bytes: no memory") from error
+
+
+def image_size(info):
+    """Width and height of the images of a sensor_msgs/CameraInfo; None where it tells none."""
+    width, height = info.roi.width or info.width, info.roi.height or info.height
+    size = width // max(info.binning_x, 1), height // max(info.binning_y, 1)
+    return size if min(size) > 0 else None
 
 
 def run_on_folder(network, images, out):
@@ -348,51 +371,76 @@ def run_on_folder(network, images, out):
 
 
 class Node:
-    """Subscribes, publishes and tells. Messages wait in a queue of its own, of which all but the newest are skipped."""
+    """Subscribes, publishes and tells. Messages wait in a queue of its own: of those that come while the network is busy the
+    newest, or with overload: block all, and then the newest that fit in WAITING_BYTES."""
 
     def __init__(self, network, ros):
         self.network, self.ros = network, ros
         mapper = ros.rospy.get_param("dense_mapper", {})
         self.condition = threading.Condition()
-        self.waiting = collections.deque(maxlen=None if mapper.get("overload") == "block" else 1)
+        self.waiting, self.waiting_bytes = collections.deque(), 0
+        self.max_bytes = WAITING_BYTES if mapper.get("overload") == "block" else 0
         self.counts, self.told = collections.Counter(), collections.Counter()  # the latter: at the last diagnostics
-        self.times, self.problem = collections.deque(maxlen=100), ""
+        self.times, self.problem, self.size = collections.deque(maxlen=100), "", None
         topic, kind = "image", ros.Image
         if mapper.get("image_transport") == "compressed":  # by its own name if that is remapped, else beside the image
             kind, own = ros.CompressedImage, "image/compressed"
             topic = ros.rospy.resolve_name(own)
             if topic == ros.rospy.get_namespace() + own:
                 topic = ros.rospy.resolve_name("image") + "/compressed"
+            picture_decoder()
+            self.infos = ros.rospy.Subscriber("camera_info", ros.CameraInfo, self.receive_info, queue_size=1)
         self.publisher = ros.rospy.Publisher("prior_depth" if network.description.is_depth else "mask", ros.Image,
                                              queue_size=30)
         self.status = ros.rospy.Publisher("/diagnostics", ros.DiagnosticArray, queue_size=10)
         self.subscriber = ros.rospy.Subscriber(topic, kind, self.receive, queue_size=30, buff_size=2 ** 26)
 
+    def receive_info(self, info):
+        self.size = image_size(info) or self.size
+
     def receive(self, message):
         with self.condition:
             self.counts["received"] += 1
-            self.counts["skipped"] += len(self.waiting) == self.waiting.maxlen
             self.waiting.append(message)
+            self.waiting_bytes += len(message.data)
+            while self.waiting_bytes > self.max_bytes and len(self.waiting) > 1:
+                self.waiting_bytes -= len(self.waiting.popleft().data)
+                self.counts["skipped"] += 1
             self.condition.notify()
 
     def run(self):
-        threading.Thread(target=self.tell, daemon=True).start()
+        """Until ROS ends; the network has a thread of its own, as nothing can end one that hangs but the end of the program."""
+        for work in (self.tell, self.work):
+            threading.Thread(target=work, daemon=True).start()
+        while not self.ros.rospy.is_shutdown():
+            time.sleep(0.1)
+
+    def work(self):
         while not self.ros.rospy.is_shutdown():
             with self.condition:
                 if not self.condition.wait_for(lambda: self.waiting, 0.2):
                     continue
                 message = self.waiting.popleft()
+                self.waiting_bytes -= len(message.data)
             start = time.monotonic()
             try:
-                rgb = decoded(message.data) if hasattr(message, "format") else to_rgb(message)
+                rgb = self.decode(message) if hasattr(message, "format") else to_rgb(message)
                 self.publish(message.header, self.network.run(rgb))
-            except Refused as error:
+            except (Exception, SystemExit) as error:  # an image, or what the network makes of it: the next may be better
                 self.counts["refused"] += 1
-                self.problem = f"image {message.header.stamp}: {error}"
+                what = str(error) if isinstance(error, Refused) else f"{type(error).__name__}: {error}"
+                self.problem = f"image {message.header.stamp}: {what}"
                 self.ros.rospy.logwarn_throttle(10, self.problem)
                 continue
             self.counts["published"] += 1
             self.times.append(1000 * (time.monotonic() - start))
+
+    def decode(self, message):
+        try:
+            return decoded(message.data, self.size, UNTOLD_PIXELS if self.size is None else 1 << 28)
+        except Refused as error:
+            unknown = f" (no camera_info has come on {self.infos.resolved_name})" if self.size is None else ""
+            raise Refused(f"{error}{unknown}") from error
 
     def publish(self, header, plane):
         image = self.ros.Image(header=header, height=plane.shape[0], width=plane.shape[1],
@@ -419,6 +467,8 @@ class Node:
         elif new["skipped"]:
             level = kind.WARN
             text = f"the network is too slow: skipped {new['skipped']} of the last {new['received']} images"
+            if self.max_bytes:
+                text += f"; {self.max_bytes >> 20} MiB wait for it: play the recording more slowly (rosbag play -r)"
         else:
             level, text = kind.OK, "keeps up" if new["received"] else "waits for images"
         values = {"network": self.network.description.path, "device": device, "topic": self.publisher.resolved_name,
@@ -435,7 +485,7 @@ def import_ros():
     # pylint: disable=import-outside-toplevel, unused-import
     import rospy
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-    from sensor_msgs.msg import CompressedImage, Image
+    from sensor_msgs.msg import CameraInfo, CompressedImage, Image
     from std_msgs.msg import Header
     return types.SimpleNamespace(**locals())
 
@@ -452,6 +502,7 @@ def main():
             return 1 if run_on_folder(network, *arguments.images) else 0
         ros = import_ros()
         ros.rospy.init_node("network")
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the system's: works whatever a network does
         network = Network(Description(arguments.network), ros.rospy.get_param("~threads", 0))
         ros.rospy.loginfo("%s on %s, to %s", arguments.network, network.device,
                           "prior_depth" if network.description.is_depth else "mask")
@@ -468,4 +519,7 @@ def main():
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    code = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)  # without waiting for a network that may never return

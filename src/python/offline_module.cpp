@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/evaluation/depth_metrics.h"
@@ -183,6 +184,8 @@ py::tuple ReconstructArrays(const std::vector<Bytes>& colors, const Doubles& k, 
                             int max_image_size, uint32_t seed, const std::string& device) {
   std::vector<InputImage> images(colors.size());
   std::vector<RigidTransform> cam_from_world;
+  const std::vector<Eigen::Vector3d> points_of_all =
+      points_in_all ? ToPoints(*points[0]) : std::vector<Eigen::Vector3d>();
   for (size_t i = 0; i < images.size(); ++i) {
     InputImage& image = images[i];
     image.name = names[i];
@@ -199,8 +202,9 @@ py::tuple ReconstructArrays(const std::vector<Bytes>& colors, const Doubles& k, 
     image.mask = ToMask(masks[i]);
     image.ranked_sources = ranked_sources[i];
     if (points_in_all) {
+      const py::gil_scoped_release release;
       image.landmarks_in_world =
-          FindLandmarksInView(ToPoints(*points[0]), image.camera, image.cam_from_world).points_in_world;
+          FindLandmarksInView(points_of_all, image.camera, image.cam_from_world).points_in_world;
     } else if (points[i]) {
       image.landmarks_in_world = ToPoints(*points[i]);
     }
@@ -259,6 +263,27 @@ py::dict ReadScene(const std::string& folder, const std::string& format, const s
                   "depth_range"_a = ranges, "masks"_a = all_masks, "ranked_sources"_a = ranked, "names"_a = names);
 }
 
+/// RGB of a picture's content: (height, width, 3). @param size that its header must say: width, height
+py::array DecodeImage(const std::string& name, const py::bytes& content, const std::optional<std::pair<int, int>>& size,
+                      uint64_t max_pixels) {
+  const std::string bytes = content;
+  ColorImage image;
+  {
+    const py::gil_scoped_release release;
+    const ImageSize found = EncodedImageSize(name, bytes);
+    if (size && (found.width != size->first || found.height != size->second)) {
+      throw InvalidInputError(Concat(name, ": its header says ", found.width, " x ", found.height, " px: must be ",
+                                     size->first, " x ", size->second));
+    }
+    if (static_cast<uint64_t>(found.width) * static_cast<uint64_t>(found.height) > max_pixels) {
+      throw InvalidInputError(
+          Concat(name, ": its header says ", found.width, " x ", found.height, " px: at most ", max_pixels));
+    }
+    image = DecodeColorImage(name, bytes);
+  }
+  return ToNumpy<uint8_t>(std::move(image));
+}
+
 py::dict EvaluateDepthMap(const Doubles& depth, const Doubles& truth, const std::optional<Bytes>& mask) {
   const DepthMap estimate = ToMap<float>(depth), true_depth = ToMap<float>(truth);
   const Mask region = ToMask(mask);
@@ -312,6 +337,7 @@ PYBIND11_MODULE(_offline, module) {
   });
   module.def("reconstruct", &ReconstructArrays);
   module.def("read_scene", &ReadScene);
+  module.def("decode_image", &DecodeImage);
   module.def("evaluate_depth", &EvaluateDepthMap);
   module.def("evaluate_cloud", &EvaluatePoints);
 }

@@ -161,14 +161,16 @@ class ClusterTest(unittest.TestCase):
 
     def test_a_local_cluster_listens_nowhere(self):
         program, held = self.hold("local", ["step_0"])
-        with subprocess.Popen(self.command(self.folder / "local", "--program", program), stdout=subprocess.DEVNULL,
-                              stderr=subprocess.DEVNULL) as client:
-            process = self.wait_for_held(client, held, "step_0")
-            family = [psutil.Process(client.pid), *psutil.Process(client.pid).children(recursive=True)]
-            self.assertIn(process, family)
-            self.assertEqual([c.laddr for one in family for c in one.connections("inet") if c.status == "LISTEN"], [])
-            process.kill()
-            self.assertEqual(client.wait(timeout=300), 0)
+        client = subprocess.Popen(self.command(self.folder / "local", "--program", program), stdout=subprocess.DEVNULL,
+                                  stderr=subprocess.DEVNULL)
+        self.addCleanup(client.wait)
+        self.addCleanup(client.kill)
+        process = self.wait_for_held(client, held, "step_0")
+        family = [psutil.Process(client.pid), *psutil.Process(client.pid).children(recursive=True)]
+        self.assertIn(process, family)
+        self.assertEqual([c.laddr for one in family for c in one.connections("inet") if c.status == "LISTEN"], [])
+        process.kill()
+        self.assertEqual(client.wait(timeout=300), 0)
 
     def test_a_process_outlives_the_task_that_started_it(self):
         cluster = self.module()
@@ -197,6 +199,8 @@ class ClusterTest(unittest.TestCase):
                                     "--", *OPTIONS], stdout=log, stderr=log, cwd=self.folder,
                                    env={**os.environ, "PATH": f"{bin_folder}:{os.environ['PATH']}", "SLURM_JOB_ID": "7",
                                         "SLURM_SUBMIT_DIR": str(jobs)})
+            self.addCleanup(job.wait)
+            self.addCleanup(job.terminate)  # ends what it has started
             process = self.wait_for_held(job, held, "step_0")
             [folder] = jobs.iterdir()
             self.assertEqual(folder.stat().st_mode & 0o077, 0)

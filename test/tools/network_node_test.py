@@ -5,8 +5,12 @@ network and ROS that are played. With --onnx networks that ONNX Runtime runs; ex
 usage: network_node_test.py SOURCE_FOLDER [--onnx]"""
 import contextlib
 import io
+import os
+import signal
+import subprocess
 import sys
 import tempfile
+import textwrap
 import threading
 import types
 import unittest
@@ -24,6 +28,11 @@ import network_node as node  # noqa: E402
 import tiny_onnx  # noqa: E402
 
 WIDTH, HEIGHT = 48, 32
+try:
+    from acmp_mapping import offline as _  # noqa: F401
+    decodes = lambda test: test  # noqa: E731
+except ImportError as error:
+    decodes = unittest.skip(f"needs the Python module: {error}")
 
 
 def test_image():
@@ -219,6 +228,7 @@ class Images(TestCase):
             with self.subTest(changes), self.assertRaisesRegex(node.Refused, words):
                 node.to_rgb(types.SimpleNamespace(**{**vars(good), **changes}))
 
+    @decodes
     def test_pictures(self):
         for kind in ("PNG", "JPEG"):
             data = io.BytesIO()
@@ -227,9 +237,30 @@ class Images(TestCase):
             self.assertLessEqual(np.abs(node.decoded(data.getvalue()).astype(int) - test_image()).max(), 8, kind)
             with self.assertRaisesRegex(node.Refused, "picture of 60 bytes"):
                 node.decoded(data.getvalue()[:60])
+            with self.assertRaisesRegex(node.Refused, f"{WIDTH} x {HEIGHT} px: must be 64 x 48"):
+                node.decoded(data.getvalue(), (64, 48))
+            with self.assertRaisesRegex(node.Refused, f"{WIDTH} x {HEIGHT} px: at most 100"):
+                node.decoded(data.getvalue(), None, 100)
         wide = io.BytesIO()
         PIL.Image.fromarray(test_image()[:, :, 0].astype(np.uint16) * 256).save(wide, "PNG")
-        np.testing.assert_array_equal(node.decoded(wide.getvalue())[:, :, 1], test_image()[:, :, 0])
+        # 1: libpng scales 16 bits to 8
+        np.testing.assert_allclose(node.decoded(wide.getvalue())[:, :, 1].astype(int), test_image()[:, :, 0], atol=1)
+
+    @decodes
+    def test_what_is_no_jpeg_or_png_is_handed_to_nobody(self):
+        marker = self.folder / "gs"  # PIL starts a program of this name on PostScript
+        marker.write_text(f"#!/bin/sh\ntouch {self.folder}/started\n")
+        marker.chmod(0o755)
+        pictures = [b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 20 20\n%%EndComments\nshowpage\n%%EOF\n"]
+        for kind in ("TIFF", "GIF", "BMP", "PPM"):
+            data = io.BytesIO()
+            PIL.Image.fromarray(test_image()).save(data, kind)
+            pictures.append(data.getvalue())
+        with mock.patch.dict(os.environ, PATH=f"{self.folder}:{os.environ['PATH']}"):
+            for picture in pictures:
+                with self.subTest(picture[:20]), self.assertRaisesRegex(node.Refused, "neither a PNG nor a JPEG"):
+                    node.decoded(picture)
+        self.assertFalse((self.folder / "started").exists())
 
 
 class FakeRos:
@@ -245,7 +276,7 @@ class FakeRos:
             get_namespace=lambda: "/acmp/",
             resolve_name=lambda name: name if name[0] == "/" else remaps.get(name, "/acmp/" + name),
             Time=types.SimpleNamespace(now=lambda: 0))
-        self.Image = self.CompressedImage = self.DiagnosticArray = self.Header = types.SimpleNamespace
+        self.Image = self.CompressedImage = self.CameraInfo = self.DiagnosticArray = self.Header = types.SimpleNamespace
         self.DiagnosticStatus = mock.Mock(OK=0, WARN=1, ERROR=2, side_effect=lambda **values: types.SimpleNamespace(**values))
         self.KeyValue = lambda key, value: (key, value)
 
@@ -263,6 +294,8 @@ class FakeNetwork:
     def run(self, rgb):
         self.begun.set()
         self.go.wait()
+        if (rgb == 1).all():
+            raise SystemExit(0)
         if not rgb.any():
             raise node.Refused("the network's output is the same everywhere: 0")
         return np.asfortranarray(rgb[:, :, 0], np.float32)  # as arrays may lie in memory
@@ -314,6 +347,60 @@ class Nodes(TestCase):
         self.assertEqual([depth.header.stamp for depth in ros.published["prior_depth"]], list(range(5)))
         self.assertEqual((played.diagnosis().level, played.told["skipped"]), (0, 0))
 
+    def test_a_recording_waits_within_bounds(self):
+        with mock.patch.object(node, "WAITING_BYTES", 3 * test_image().size):
+            played, ros = self.play({"overload": "block"}, 6)
+        self.assertEqual([depth.header.stamp for depth in ros.published["prior_depth"]], [0, 3, 4, 5])
+        self.assertRegex(played.diagnosis().message, "skipped 2 of the last 6 images.*rosbag play")
+
+    def test_a_network_that_gives_up_does_not_end_the_node(self):
+        played, ros = self.play({}, 1, np.ones((HEIGHT, WIDTH, 3), np.uint8))
+        self.assertEqual(played.counts["refused"], 1)
+        self.assertIn("SystemExit", played.problem)
+
+    @decodes
+    def test_pictures_have_the_size_of_their_camera(self):
+        ros = FakeRos({"image_transport": "compressed"})
+        played = node.Node(FakeNetwork(self.describe()), ros)
+        data = io.BytesIO()
+        PIL.Image.fromarray(test_image()).save(data, "PNG")
+        picture = types.SimpleNamespace(format="png", data=data.getvalue())
+        with mock.patch.object(node, "UNTOLD_PIXELS", 100), self.assertRaisesRegex(node.Refused, "no camera_info has come"):
+            played.decode(picture)
+        info = types.SimpleNamespace(width=2 * WIDTH, height=2 * HEIGHT, binning_x=2, binning_y=2,
+                                     roi=types.SimpleNamespace(width=0, height=0))
+        played.receive_info(info)
+        np.testing.assert_array_equal(played.decode(picture), test_image())
+        info.binning_x = 1
+        played.receive_info(info)
+        with self.assertRaisesRegex(node.Refused, "must be 96 x 32"):
+            played.decode(picture)
+
+    def test_it_ends_though_the_network_hangs(self):
+        program = textwrap.dedent(f"""
+            import sys, types
+            sys.argv = ["network_node_test.py", {str(SOURCE)!r}]
+            sys.path[:0] = [{str(Path(__file__).parent)!r}, {str(SOURCE / "scripts")!r}]
+            import network_node_test as test
+            node, ros = test.node, test.FakeRos({{}})
+            ros.rospy.init_node = ros.rospy.loginfo = ros.rospy.logerr = lambda *_: None
+            ros.rospy.Subscriber = lambda topic, kind, callback, **_: callback(test.message("rgb8", test.test_image()))
+            node.import_ros = lambda: ros
+            def hang(_):
+                import ctypes
+                print("hangs", flush=True)
+                ctypes.PyDLL(None).pause()  # with the interpreter's lock
+            node.Description = lambda path: types.SimpleNamespace(path=path, is_depth=True)
+            node.Network = lambda *_: types.SimpleNamespace(description=node.Description("x"), device="CPU", run=hang)
+            sys.argv = ["network_node.py", "x"]
+            node.main()
+            """)
+        with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
+            self.addCleanup(process.kill)
+            self.assertEqual(process.stdout.readline(), "hangs\n")
+            process.send_signal(signal.SIGTERM)
+            self.assertEqual(process.wait(60), -signal.SIGTERM)
+
     def test_what_is_refused_is_told(self):
         played, ros = self.play({}, 1, np.zeros((HEIGHT, WIDTH, 3), np.uint8))
         self.assertEqual(ros.published["prior_depth"], [])
@@ -321,6 +408,7 @@ class Nodes(TestCase):
         self.assertEqual((status.level, status.message), (2, "image 0: the network's output is the same everywhere: 0"))
         self.assertEqual(ros.warnings, [status.message])
 
+    @decodes
     def test_it_takes_what_the_mapper_takes(self):
         for transport, remaps, topic in (("raw", {"image": "/cam0"}, "/cam0"),
                                          ("compressed", {"image": "/cam0"}, "/cam0/compressed"),
@@ -397,6 +485,7 @@ class OnnxNetworks(TestCase):
         with self.assertRaisesRegex(node.Refused, "tiny.onnx is missing; get it from the moon"):
             self.load(source="the moon")
 
+    @decodes
     def test_a_folder(self):
         images, out, path = (str(self.folder / name) for name in ("images", "out", "tiny.yaml"))
         Path(images, "left.png").mkdir(parents=True)  # no picture
