@@ -4,7 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <limits>
+#include <optional>
 #include <random>
+#include <set>
+#include <tuple>
 #include <vector>
 
 #include <Eigen/Geometry>
@@ -22,6 +27,7 @@ constexpr double kOnSurface = 0.02;    ///< relative: as fusion lets views agree
 constexpr size_t kFewestTogether = 8;  ///< matches of two images that give a similarity
 constexpr size_t kFewestOfAll = 40;    ///< matches of all images
 constexpr double kClearlyMost = 2;     ///< times as many as support any other place
+constexpr size_t kMaxPlaces = 30;      ///< that are compared
 constexpr double kScaleTolerance = 1.05;
 constexpr double kFewestOverlapping = 0.05;  ///< of the session's points
 constexpr double kFewestAgreeing = 0.7;      ///< of those that overlap
@@ -80,12 +86,37 @@ RegisteredView MakeRegisteredView(const SessionKeyframe& keyframe, double voxel_
   return view;
 }
 
+/// Keyframes of which each is as far as can be from those before, with what it looks at: a place counts once, however
+/// often it was seen.
+std::vector<size_t> SpreadOut(const std::vector<SessionKeyframe>& keyframes) {
+  using Place = Eigen::Matrix<double, 6, 1>;  // of the camera and the middle of its points
+  std::vector<Place> places;
+  for (const SessionKeyframe& keyframe : keyframes) {
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    const PointCloud& points = *keyframe.points_in_camera;
+    for (const SurfacePoint& p : points) middle += Eigen::Vector3d(p.position.x, p.position.y, p.position.z);
+    middle = keyframe.pose.world_from_cam * (middle / static_cast<double>(std::max<size_t>(1, points.size())));
+    places.emplace_back();
+    places.back() << keyframe.pose.world_from_cam.translation(), middle;
+  }
+  std::vector<size_t> chosen;
+  std::vector<double> distances(places.size(), std::numeric_limits<double>::infinity());  // from those chosen
+  while (chosen.size() < std::min(places.size(), kMaxRegistered)) {
+    const auto farthest = std::max_element(distances.begin(), distances.end());
+    chosen.push_back(static_cast<size_t>(farthest - distances.begin()));
+    for (size_t i = 0; i < places.size(); ++i) {
+      distances[i] = std::min(distances[i], (places[i] - places[chosen.back()]).norm());
+    }
+    distances[chosen.back()] = -1;
+  }
+  return chosen;
+}
+
 std::vector<RegisteredView> MakeRegisteredViews(const MapSession& session) {
-  const size_t count = std::min(session.keyframes.size(), kMaxRegistered);
-  std::vector<RegisteredView> views(count);
-  tbb::parallel_for(size_t{0}, count, [&](size_t i) {
-    views[i] = MakeRegisteredView(session.keyframes[i * session.keyframes.size() / count], session.voxel_size);
-  });
+  const std::vector<size_t> chosen = SpreadOut(session.keyframes);
+  std::vector<RegisteredView> views(chosen.size());
+  tbb::parallel_for(size_t{0}, chosen.size(),
+                    [&](size_t i) { views[i] = MakeRegisteredView(session.keyframes[chosen[i]], session.voxel_size); });
   return views;
 }
 
@@ -151,10 +182,21 @@ struct SessionPlace {
   std::vector<PointMatch> matches;  ///< that support it
 };
 
+/// One match of each place in the map: what many images show is no more than one thing.
+std::vector<PointMatch> OneOfEachPlace(const std::vector<PointMatch>& matches) {
+  std::vector<PointMatch> kept;
+  std::set<std::tuple<int64_t, int64_t, int64_t>> taken;
+  for (const PointMatch& match : matches) {
+    const auto cell = [&](int axis) { return static_cast<int64_t>(std::floor(match.in_map[axis] / match.tolerance)); };
+    if (taken.emplace(cell(0), cell(1), cell(2)).second) kept.push_back(match);
+  }
+  return kept;
+}
+
 SessionPlace RefinedPlace(const std::vector<PointMatch>& all, Eigen::Affine3d similarity) {
   SessionPlace place;
   for (int i = 0; i < 5; ++i) {
-    place = {similarity, Supporting(all, similarity)};
+    place = {similarity, OneOfEachPlace(Supporting(all, similarity))};
     if (place.matches.size() < 3) break;
     similarity = SimilarityOf(place.matches);
   }
@@ -188,11 +230,24 @@ void Polish(SessionPlace* place) {
   }
 }
 
+/// Without its scale; none where that is not 1.
+std::optional<RigidTransform> RigidTransformOf(const SessionPlace& place) {
+  const double scale = ScaleIn(place.map_from_session);
+  if (!(scale < kScaleTolerance && scale * kScaleTolerance > 1)) return std::nullopt;
+  RigidTransform rigid = RigidTransform::Identity();
+  rigid.linear() = place.map_from_session.linear() / scale;
+  Eigen::Vector3d from = Eigen::Vector3d::Zero(), to = Eigen::Vector3d::Zero();
+  for (const PointMatch& match : place.matches) from += match.in_session, to += match.in_map;
+  rigid.translation() = (to - rigid.linear() * from) / static_cast<double>(place.matches.size());
+  return rigid;
+}
+
 /// Of the session's points those that the map's cameras looked at, and how many of them lie on what they saw.
-void CountAgreeing(const MapSession& session, const std::vector<RegisteredView>& map, FoundTransform* found) {
+FoundTransform CountAgreeing(const MapSession& session, const std::vector<RegisteredView>& map,
+                             const RigidTransform& map_from_session, size_t matches) {
   size_t agreeing = 0, all = 0, overlap = 0;
   for (const SessionKeyframe& keyframe : session.keyframes) {
-    const RigidTransform map_from_cam = found->map_from_session * keyframe.pose.world_from_cam;
+    const RigidTransform map_from_cam = map_from_session * keyframe.pose.world_from_cam;
     const size_t step = 1 + keyframe.points_in_camera->size() / 2000;
     for (size_t i = 0; i < keyframe.points_in_camera->size(); i += step) {
       const Vec3f& p = (*keyframe.points_in_camera)[i].position;
@@ -210,14 +265,12 @@ void CountAgreeing(const MapSession& session, const std::vector<RegisteredView>&
       ++all, overlap += is_seen, agreeing += is_on_surface;
     }
   }
-  found->overlap = static_cast<double>(overlap) / static_cast<double>(std::max<size_t>(1, all));
-  found->agreement = static_cast<double>(agreeing) / static_cast<double>(std::max<size_t>(1, overlap));
-  if (found->overlap >= kFewestOverlapping && found->agreement >= kFewestAgreeing) return;
-  const auto percent = [](double share) { return std::lround(100 * share); };
-  throw InvalidInputError(Concat("where ", found->matches, " matches put it ", percent(found->overlap),
-                                 " % of its points lie in view of the map's cameras, and ", percent(found->agreement),
-                                 " % of these on its surfaces: must be at least ", percent(kFewestOverlapping), " and ",
-                                 percent(kFewestAgreeing), " %"));
+  return {map_from_session, matches, static_cast<double>(overlap) / static_cast<double>(std::max<size_t>(1, all)),
+          static_cast<double>(agreeing) / static_cast<double>(std::max<size_t>(1, overlap))};
+}
+
+bool Agrees(const FoundTransform& found) {
+  return found.overlap >= kFewestOverlapping && found.agreement >= kFewestAgreeing;
 }
 
 }  // namespace
@@ -242,16 +295,32 @@ FoundTransform FindTransform(const MapSession& map, const MapSession& session, c
   }
   SessionPlace& best = places[0];
   Polish(&best);
-  const double scale = ScaleIn(best.map_from_session);
-  if (!(scale < kScaleTolerance && scale * kScaleTolerance > 1)) {
-    throw InvalidInputError(Concat("the map is ", scale, " times as large: must be of the same scale"));
+  const std::optional<RigidTransform> map_from_session = RigidTransformOf(best);
+  if (!map_from_session) {
+    throw InvalidInputError(
+        Concat("the map is ", ScaleIn(best.map_from_session), " times as large: must be of the same scale"));
   }
-  found.map_from_session.linear() = best.map_from_session.linear() / scale;
-  Eigen::Vector3d from = Eigen::Vector3d::Zero(), to = Eigen::Vector3d::Zero();
-  for (const PointMatch& match : best.matches) from += match.in_session, to += match.in_map;
-  found.map_from_session.translation() =
-      (to - found.map_from_session.linear() * from) / static_cast<double>(best.matches.size());
-  CountAgreeing(session, map_views, &found);
+  found = CountAgreeing(session, map_views, *map_from_session, best.matches.size());
+  const auto percent = [](double share) { return std::lround(100 * share); };
+  if (!Agrees(found)) {
+    throw InvalidInputError(Concat("where ", found.matches, " matches put it ", percent(found.overlap),
+                                   " % of its points lie in view of the map's cameras, and ", percent(found.agreement),
+                                   " % of these on its surfaces: must be at least ", percent(kFewestOverlapping),
+                                   " and ", percent(kFewestAgreeing), " %"));
+  }
+  // Where fewer matches put it, as that place was seen less, it may fit as well.
+  for (size_t i = 1; i < std::min(places.size(), kMaxPlaces); ++i) {
+    check();
+    constexpr double kSamePlace = 3;  // tolerances
+    if (2 * Supporting(best.matches, places[i].map_from_session, 1 / kSamePlace).size() > best.matches.size()) continue;
+    const std::optional<RigidTransform> other_place = RigidTransformOf(places[i]);
+    if (!other_place) continue;
+    const FoundTransform other = CountAgreeing(session, map_views, *other_place, places[i].matches.size());
+    if (!Agrees(other)) continue;
+    throw InvalidInputError(Concat("it may lie at more than one place: of its points in view of the map's cameras ",
+                                   percent(found.agreement), " % lie on surfaces at one, and ",
+                                   percent(other.agreement), " % at another"));
+  }
   return found;
 }
 

@@ -74,6 +74,24 @@ TEST(FindTransformTest, WhatMayLieAtTwoPlacesIsRefused) {
   EXPECT_REFUSED(FindTransform(map, OtherRoomMap()), "it may lie at more than one place: ");
 }
 
+/// Of two rooms that are alike one was seen ten times as often.
+TEST(FindTransformTest, APlaceThatWasSeenLessMayBeTheRightOne) {
+  MapSession map = RoomMap();
+  const MapSession twin = MapOf(RoomViews(), 8, 18, OtherWorld());
+  for (uint64_t again = 0; again < 10; ++again) {
+    for (SessionKeyframe keyframe : RoomMap().keyframes) {
+      keyframe.key.run = 2 + again;
+      map.keyframes.push_back(std::move(keyframe));
+    }
+  }
+  map.keyframes.push_back(twin.keyframes[2]);
+  map.keyframes.push_back(twin.keyframes[3]);
+  const MapSession session = MapOf(RoomViews(), 6, 12, OtherWorld().inverse());
+  EXPECT_REFUSED(FindTransform(map, session), "it may lie at more than one place: ");
+  map.keyframes.resize(map.keyframes.size() - 2);
+  EXPECT_GT(FindTransform(map, session).agreement, 0.9);
+}
+
 /// Two starts of a monocular frontend.
 TEST(FindTransformTest, AnotherScaleIsRefused) {
   MapSession half = OtherRoomMap();
