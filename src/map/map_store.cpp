@@ -104,10 +104,10 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
   CheckDistance(pose.world_from_cam, thinned.reach, Origin(thinned.voxel_size, pose.world_from_cam),
                 thinned.voxel_size);
   auto_voxel_size_ = thinned.voxel_size;  // not before: what is refused tells nothing about the scene
-  Insert({key, pose, std::move(thinned.points), std::move(image)}, thinned.reach);
+  Keyframe& inserted = Insert({key, pose, std::move(thinned.points), std::move(image)}, thinned.reach);
   ApplyPath();
   Evict();
-  ThinImages();
+  ThinImages(&inserted);
   const std::vector<KeyframeKey> around = Around(key);
   if (!around.empty()) {
     Keyframe& added = keyframes_.at(key);
@@ -130,6 +130,12 @@ MapStore::Keyframe& MapStore::Insert(SessionKeyframe added, double reach) {
   keyframe.later_views.resize(added.points_in_camera->size());
   keyframe.points_in_camera = std::move(added.points_in_camera);
   keyframe.image = std::move(added.image);
+  if (keyframe.image) {
+    ImageCount& count = image_counts_[added.key.mapper];
+    if (count.captures == 0 || count.stamp_ns != keyframe.pose.stamp_ns) ++count.captures;
+    count.stamp_ns = keyframe.pose.stamp_ns;
+    keyframe.image_number = count.captures - 1;
+  }
   return keyframe;
 }
 
@@ -234,15 +240,16 @@ void MapStore::Evict() {
   }
 }
 
-void MapStore::ThinImages() {
-  constexpr uint64_t kLargestStride = uint64_t{1} << 62;
+void MapStore::ThinImages(Keyframe* newest) {
+  const auto largest_stride = static_cast<uint64_t>(options_.max_keyframes);  // which leaves one of each mapper
   for (;; image_stride_ *= 2) {
     uint64_t bytes = 0;
     for (auto& [key, keyframe] : keyframes_) {
-      if (keyframe.image && key.id % image_stride_ != 0) keyframe.image.reset();
+      if (keyframe.image && keyframe.image_number % image_stride_ != 0) keyframe.image.reset();
       bytes += keyframe.image ? keyframe.image->bytes() : 0;
     }
-    if (bytes <= options_.max_image_bytes || image_stride_ == kLargestStride) return;
+    if (bytes <= options_.max_image_bytes) return;
+    if (image_stride_ >= largest_stride) return newest->image.reset();
   }
 }
 
@@ -269,6 +276,7 @@ void MapStore::Clear() {
   path_.clear();
   to_look_.clear();
   auto_voxel_size_ = 0;
+  image_counts_.clear();
   image_stride_ = 1;
   statistics_ = {};
   ++version_;
@@ -280,6 +288,13 @@ void MapStore::CheckCanJoin(const MapSession& session) const {
     throw InvalidInputError(Concat(session.keyframes.size(), " keyframes, and ", keyframes_.size(),
                                    " are in the map: together at most max_keyframes = ", options_.max_keyframes,
                                    "; raise it"));
+  }
+  uint64_t image_bytes = 0;
+  for (const auto& [key, keyframe] : keyframes_) image_bytes += keyframe.image ? keyframe.image->bytes() : 0;
+  for (const SessionKeyframe& keyframe : session.keyframes) image_bytes += keyframe.image ? keyframe.image->bytes() : 0;
+  if (image_bytes > options_.max_image_bytes) {
+    throw InvalidInputError(Concat("its images and those in the map take ", image_bytes, " bytes: at most ",
+                                   options_.max_image_bytes, ", half of what was free on the disk of save_folder"));
   }
   std::set<KeyframeKey> keys;
   for (const SessionKeyframe& keyframe : session.keyframes) {
@@ -332,7 +347,6 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
     if (begins_anew && i >= session.earlier) runs_.insert_or_assign(keyframe.key.mapper, keyframe.key.run);
     Insert(std::move(keyframe), reaches[i]).joined = true;
   }
-  ThinImages();
   ++version_;
 }
 

@@ -203,8 +203,7 @@ py::tuple ReconstructArrays(const std::vector<Bytes>& colors, const Doubles& k, 
     image.ranked_sources = ranked_sources[i];
     if (points_in_all) {
       const py::gil_scoped_release release;
-      image.landmarks_in_world =
-          FindLandmarksInView(points_of_all, image.camera, image.cam_from_world).points_in_world;
+      image.landmarks_in_world = FindLandmarksInView(points_of_all, image.camera, image.cam_from_world).points_in_world;
     } else if (points[i]) {
       image.landmarks_in_world = ToPoints(*points[i]);
     }

@@ -284,7 +284,7 @@ void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   status->add("keyframes evicted (~on_time_jump)", map.evicted_by_run);
   status->add("images kept (~keep_images of the mappers)",
               Concat(map.images, ", ", map.image_bytes / 1000000, " MB",
-                     map.image_stride > 1 ? Concat("; of one keyframe in ", map.image_stride,
+                     map.image_stride > 1 ? Concat("; of one image in ", map.image_stride,
                                                    ", as they would take over half of the free disk")
                                           : ""));
   status->add("voxel size [unit of the poses]", map.voxel_size);

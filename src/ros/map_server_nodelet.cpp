@@ -157,10 +157,15 @@ class MapServerNodelet : public NodeletBase {
     const bool replaces = std::filesystem::exists(file);
     const Session session = {map_->Session(), map_output_->Header().frame_id};
     WriteSession(file, session, [this] { map_output_->CheckStopped(); });
-    for (const SessionKeyframe& keyframe : session.map.keyframes) response->points += keyframe.points_in_camera->size();
+    size_t images = 0;
+    for (const SessionKeyframe& keyframe : session.map.keyframes) {
+      response->points += keyframe.points_in_camera->size();
+      images += keyframe.image ? 1 : 0;
+    }
     response->keyframes = session.map.keyframes.size();
+    const size_t without = images > 0 ? response->keyframes - images : 0;
     return Concat("saved ", response->points, " points of ", response->keyframes, " keyframes to ", file.string(),
-                  replaces ? kReplaced : "");
+                  replaces ? kReplaced : "", without > 0 ? Concat("; ", without, " of them are without an image") : "");
   }
 
   /// FindTransform; says what was found. Throws InvalidInputError where that is not sure.
@@ -181,9 +186,18 @@ class MapServerNodelet : public NodeletBase {
                   std::lround(100 * found.agreement), " % lie on the map's surfaces");
   }
 
+  /// Throws InvalidInputError where its images have no room: a map without them would replace the file at the next
+  /// save_session.
   Session LoadFile(const std::filesystem::path& path) {
-    return ReadSession(path, options_.memory_limit_bytes(),
-                       [this](const KeyframePoints& message) { return KeepImage(message); });
+    uint64_t bytes = map_->statistics().image_bytes;
+    return ReadSession(path, options_.memory_limit_bytes(), [&](const KeyframePoints& message) {
+      bytes += message.image.data.size();
+      if (bytes > options_.map.max_image_bytes) {
+        throw InvalidInputError(Concat("no room for images beyond ", options_.map.max_image_bytes,
+                                       " bytes, half of what was free on the disk of save_folder; nothing was loaded"));
+      }
+      return StoreImage(message, images_.get());
+    });
   }
 
   /// Adds all keyframes or throws, see MapStore::Join. In the input thread, or before the threads start.

@@ -215,36 +215,78 @@ TEST_F(MapColmapTest, StoredImagesUseTheDiskThatOthersLeft) {
   EXPECT_TRUE(store.Put(bytes_of(2), camera)->Read() == bytes_of(2)) << "and goes on";
 }
 
-TEST_F(MapColmapTest, OfTooManyImagesEverySecondGoes) {
-  const uint64_t bytes = map_.keyframes[0].image->bytes();
-  MapStoreOptions options = {100, kColmapVoxel};
-  options.max_image_bytes = 4 * bytes + bytes / 2;
-  MapStore store(options);
-  const auto kept = [&] {
+/// A map with room for four images and a half.
+class MapImagesTest : public MapColmapTest {
+ protected:
+  MapImagesTest() {
+    MapStoreOptions options = {100, kColmapVoxel};
+    options.max_image_bytes = 4 * bytes_ + bytes_ / 2;
+    store_ = std::make_unique<MapStore>(options);
+  }
+  void Add(const std::string& mapper, uint64_t id, int64_t stamp_ns) {
+    const PlacedKeyframe& keyframe = map_.keyframes[0];
+    KeyframePose pose;
+    pose.stamp_ns = stamp_ns;
+    pose.world_from_cam = keyframe.world_from_cam;
+    pose.camera = keyframe.camera;
+    ASSERT_TRUE(store_->Add({mapper, 1, id}, pose, *keyframe.points_in_camera, keyframe.image));
+    ASSERT_LE(store_->statistics().image_bytes, 4 * bytes_ + bytes_ / 2);
+  }
+  std::vector<uint64_t> Kept() const {
     std::vector<uint64_t> ids;
-    for (const SessionKeyframe& keyframe : store.Session().keyframes) {
+    for (const SessionKeyframe& keyframe : store_->Session().keyframes) {
       if (keyframe.image) ids.push_back(keyframe.key.id);
     }
     return ids;
-  };
+  }
+
+  const uint64_t bytes_ = map_.keyframes[0].image->bytes();
+  std::unique_ptr<MapStore> store_;
+};
+
+TEST_F(MapImagesTest, OfTooManyEverySecondGoes) {
   std::vector<std::vector<uint64_t>> after;
   for (uint64_t id = 0; id < 12; ++id) {
-    const PlacedKeyframe& keyframe = map_.keyframes[0];
-    KeyframePose pose;
-    pose.stamp_ns = static_cast<int64_t>(id);
-    pose.world_from_cam = keyframe.world_from_cam;
-    pose.camera = keyframe.camera;
-    ASSERT_TRUE(store.Add({"mapper", 1, id}, pose, *keyframe.points_in_camera, keyframe.image));
-    after.push_back(kept());
+    Add("mapper", id, static_cast<int64_t>(id));
+    after.push_back(Kept());
   }
   EXPECT_THAT(after[3], ElementsAre(0, 1, 2, 3));
   EXPECT_THAT(after[4], ElementsAre(0, 2, 4));
-  EXPECT_THAT(kept(), ElementsAre(0, 4, 8));
-  EXPECT_EQ(store.statistics().images, 3u);
-  EXPECT_EQ(store.statistics().image_bytes, 3 * bytes);
-  EXPECT_EQ(store.statistics().image_stride, 4u);
-  store.Clear();
-  EXPECT_EQ(store.statistics().image_stride, 1u);
+  EXPECT_THAT(Kept(), ElementsAre(0, 4, 8));
+  EXPECT_EQ(store_->statistics().images, 3u);
+  EXPECT_EQ(store_->statistics().image_bytes, 3 * bytes_);
+  EXPECT_EQ(store_->statistics().image_stride, 4u);
+  store_->Clear();
+  EXPECT_EQ(store_->statistics().image_stride, 1u);
+}
+
+TEST_F(MapImagesTest, IdsOfOneParityAreThinnedLikeOthers) {
+  for (uint64_t i = 0; i < 12; ++i) Add("mapper", 2 * i + 1, static_cast<int64_t>(i));
+  EXPECT_THAT(Kept(), ElementsAre(1, 9, 17));
+}
+
+TEST_F(MapImagesTest, ViewsOfOneCaptureStayTogetherAndMappersEach) {
+  for (uint64_t i = 0; i < 4; ++i) Add("pair", i, static_cast<int64_t>(i / 2));
+  Add("alone", 100, 0);  // one too many
+  EXPECT_THAT(Kept(), ElementsAre(100, 0, 1));
+}
+
+TEST_F(MapImagesTest, NeverTakeMoreThanTheyMay) {
+  for (uint64_t i = 0; i < 12; ++i) Add(Concat("mapper_", i), 0, 0);
+  EXPECT_EQ(Kept().size(), 4u);
+  for (uint64_t i = 0; i < 12; ++i) Add("mapper_0", 1 + i, 0);  // all of one capture
+  EXPECT_EQ(Kept().size(), 4u);
+}
+
+TEST_F(MapImagesTest, ASessionIsJoinedWithAllOfThemOrNotAtAll) {
+  for (uint64_t id = 0; id < 3; ++id) Add("mapper", id, static_cast<int64_t>(id));
+  MapSession session = store_->Session();
+  for (SessionKeyframe& keyframe : session.keyframes) keyframe.key.id += 10;
+  EXPECT_REFUSED(store_->Join(session, RigidTransform::Identity()), "images");
+  EXPECT_EQ(store_->statistics().keyframes, 3u);
+  session.keyframes.resize(1);
+  store_->Join(session, RigidTransform::Identity());
+  EXPECT_THAT(Kept(), ElementsAre(0, 1, 2, 10));
 }
 
 }  // namespace

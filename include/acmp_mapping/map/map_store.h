@@ -123,7 +123,7 @@ struct MapStatistics {
   size_t path_too_far = 0;       ///< keyframes that it would have put too far away, and left
   size_t images = 0;             ///< keyframes with an image
   uint64_t image_bytes = 0;      ///< of these
-  uint64_t image_stride = 1;     ///< images are kept of keyframes whose number it divides
+  uint64_t image_stride = 1;     ///< one in so many captures of a mapper keeps its images
 };
 
 /// A keyframe's points and where they lie; the points are shared and never change.
@@ -194,7 +194,8 @@ class MapStore {
   /// are rounded to float32 once more.
   MapSession Session() const;
   /// Adds all keyframes of another map, or none: throws InvalidInputError that names what cannot be used, above all a
-  /// keyframe that is in the map already, more than max_keyframes, or what Add refuses. In the thread of Add.
+  /// keyframe that is in the map already, more than max_keyframes or max_image_bytes, or what Add refuses. In the
+  /// thread of Add.
   ///
   /// An empty map becomes what the other one was: its points are left as they are unless options.voxel_size is another
   /// one, and loop closures correct what they corrected there. In a map that has keyframes they count as earlier
@@ -240,6 +241,7 @@ class MapStore {
     uint64_t points_arrival = 0;
     std::shared_ptr<const ToLook> to_look;  ///< null: it has looked, or there is nothing to look at
     StoredImagePtr image;
+    uint64_t image_number = 0;  ///< of the mapper's captures that came with images
   };
   using Keyframes = std::map<KeyframeKey, Keyframe>;
 
@@ -281,7 +283,9 @@ class MapStore {
   void StartRun(const std::string& mapper, uint64_t run);
   ReposeResult ApplyPath();
   void Evict();
-  void ThinImages();
+  /// Keeps images within max_image_bytes: those of every second, fourth... capture of each mapper, and at last not the
+  /// newest one.
+  void ThinImages(Keyframe* newest);
   template <class Predicate>
   size_t EraseIf(const Predicate& is_to_go);
   Keyframes::iterator Erase(Keyframes::const_iterator keyframe);
@@ -291,6 +295,11 @@ class MapStore {
   double auto_voxel_size_ = 0;
   Keyframes keyframes_;
   std::map<std::string, uint64_t> runs_;  ///< the last one of each mapper
+  struct ImageCount {
+    int64_t stamp_ns = 0;  ///< of the last capture
+    uint64_t captures = 0;
+  };
+  std::map<std::string, ImageCount> image_counts_;  ///< of each mapper
   uint64_t arrivals_ = 0;
   std::deque<KeyframeKey> to_look_;  ///< in the order in which they came; some may have gone
   uint64_t image_stride_ = 1;
