@@ -15,12 +15,15 @@ Exit code 2: what the file lacks.
 import argparse
 import contextlib
 import math
+import os
 import re
+import stat
 import sys
 import xml.etree.ElementTree
 
 import yaml
 
+MAX_BYTES = 1 << 20  # of a file
 PLUMB_BOB, RATIONAL, EQUIDISTANT, MEI = "plumb_bob", "rational_polynomial", "equidistant", "mei"
 DOUBLE_SPHERE, EUCM, EQUIRECTANGULAR = "double_sphere", "eucm", "equirectangular"
 # By name, in small letters and digits alone.
@@ -37,7 +40,13 @@ class Refused(Exception):
 
 
 class Loader(yaml.SafeLoader):
-    """YAML as OpenCV writes it: tags such as !!opencv-matrix are read as what they tag."""
+    """YAML as OpenCV writes it: tags such as !!opencv-matrix are read as what they tag. Without aliases: nine lines of them can
+    stand for a billion values."""
+
+    def compose_node(self, parent, index):
+        if self.check_event(yaml.events.AliasEvent):
+            raise yaml.YAMLError("has an alias (*name): write out what it stands for")
+        return super().compose_node(parent, index)
 
 
 def untagged(loader, _suffix, node):
@@ -46,6 +55,17 @@ def untagged(loader, _suffix, node):
 
 
 Loader.add_multi_constructor("", untagged)
+
+
+def read_file(path):
+    """The bytes of a file, not of a pipe or device, which may never end."""
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
+            raise Refused("is no file, but a pipe or a device")
+        if status.st_size > MAX_BYTES:
+            raise Refused(f"has {status.st_size} bytes: at most {MAX_BYTES}")
+        return file.read(MAX_BYTES)
 
 
 def read_text(data):
@@ -83,7 +103,7 @@ def read_content(text):
         text = re.sub(r"([{,]\s*[A-Za-z_][\w.]*):(?=[^\s:])", r"\1: ", text)
         try:
             content = yaml.load(text, Loader)  # a SafeLoader
-        except yaml.YAMLError as error:
+        except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a number of thousands of digits
             raise Refused("is no YAML: %s" % str(error).replace("\n", " "))
     if not isinstance(content, dict):
         raise Refused("has no \"name: value\" lines")
@@ -385,8 +405,7 @@ def main():
     if options.camera < 0:
         parser.error("--camera %d: must be 0 or more" % options.camera)
     try:
-        with open(options.file, "rb") as file:
-            print(format_calibration(convert(read_text(file.read()), options.camera, options.size)), end="")
+        print(format_calibration(convert(read_text(read_file(options.file)), options.camera, options.size)), end="")
     except (Refused, OSError, RecursionError) as error:  # the last: hundreds of lists in each other
         print("%s: %s" % (options.file, error), file=sys.stderr)
         return 2

@@ -21,6 +21,7 @@ import difflib
 import math
 import os
 import signal
+import stat
 import sys
 import threading
 import time
@@ -64,13 +65,33 @@ def is_a(value, kind):
     return isinstance(value, kind) and not isinstance(value, bool)
 
 
+class Loader(yaml.SafeLoader):
+    """Without aliases: nine lines of them can stand for a billion values."""
+
+    def compose_node(self, parent, index):
+        if self.check_event(yaml.events.AliasEvent):
+            raise yaml.YAMLError("has an alias (*name): write out what it stands for")
+        return super().compose_node(parent, index)
+
+
+def read_file(path, max_bytes=1 << 30):
+    """The bytes of a file, not of a pipe or device, which may never end."""
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
+            raise Refused(f"{path}: is no file, but a pipe or a device")
+        if status.st_size > max_bytes:
+            raise Refused(f"{path}: has {status.st_size} bytes: at most {max_bytes}")
+        return file.read(max_bytes)
+
+
 class Description:
     """What a YAML file says of a network. Throws Refused where it names key, value and bound."""
 
     def __init__(self, path):
         try:
-            content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            content = yaml.load(read_file(path, 1 << 20).decode("utf-8"), Loader)  # a SafeLoader
+        except (OSError, yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no UTF-8, too many digits
             raise Refused(f"{path}: {error}") from error
         if not isinstance(content, dict):
             raise Refused(f"{path}: must have keys and values")
@@ -352,7 +373,7 @@ def run_on_folder(network, images, out):
         path = Path(out, name.with_suffix(".pfm") if network.description.is_depth else f"{name}.png")
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            rgb = decoded(Path(images, name).read_bytes())
+            rgb = decoded(read_file(Path(images, name)))
             start = time.monotonic()
             result = network.run(rgb)
             seconds += time.monotonic() - start

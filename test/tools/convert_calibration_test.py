@@ -4,6 +4,7 @@
 usage: convert_calibration_test.py SOURCE_FOLDER"""
 import json
 import math
+import os
 import subprocess
 import sys
 import tempfile
@@ -308,6 +309,23 @@ class ConvertCalibration(unittest.TestCase):
                 self.assertEqual((result.returncode, bool(result.stdout), bool(result.stderr)), (code, bool(out), bool(err)))
                 self.assertIn(out, result.stdout)
                 self.assertIn(err, result.stderr)
+
+    def test_bombs_and_what_never_ends_are_refused(self):
+        bomb = "a: &a [1, 1]\n" + "".join(f"{chr(98 + i)}: &{chr(98 + i)} [*{chr(97 + i)}, *{chr(97 + i)}]\n" for i in range(20))
+        with tempfile.TemporaryDirectory() as folder:
+            paths = [Path(folder, name) for name in ("bomb", "digits", "nested", "large", "pipe")]
+            paths[0].write_text(bomb + KALIBR)
+            paths[1].write_text(KALIBR + "x: " + "9" * 100000)
+            paths[2].write_text(KALIBR + "x: " + "[" * 100000)
+            with open(paths[3], "wb") as file:
+                file.truncate(3 << 30)
+            os.mkfifo(paths[4])
+            for path, word in zip([*paths, "/dev/zero"], ("alias", "digits", "is no YAML", "at most", "pipe", "pipe")):
+                done = subprocess.run([sys.executable, str(SCRIPT), str(path)], capture_output=True, text=True, check=False,
+                                      timeout=60)
+                with self.subTest(path):
+                    self.assertEqual(done.returncode, 2, done.stderr)
+                    self.assertIn(word, done.stderr)
 
     def test_template_is_what_is_written(self):
         template = yaml.safe_load((SOURCE / "config/camera.yaml").read_text())

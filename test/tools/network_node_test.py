@@ -81,10 +81,15 @@ class Descriptions(TestCase):
         for changes, words in bad:
             with self.subTest(changes), self.assertRaisesRegex(node.Refused, "tiny.yaml: .*" + words):
                 self.describe(**changes)
-        for text in (b"- 1", b"", b"a: [", b"\xe9"):
+        bomb = b"a: &a [x,x]\n" + b"".join(b"%c: &%c [*%c,*%c]\n" % (98 + i, 98 + i, 97 + i, 97 + i) for i in range(20))
+        for text in (b"- 1", b"", b"a: [", b"\xe9", bomb, b"[" * 100000, b"grow: " + b"9" * 100000):
             path = self.folder / "bad.yaml"
             path.write_bytes(text)
             with self.subTest(text), self.assertRaisesRegex(node.Refused, "bad.yaml: "):
+                node.Description(str(path))
+        os.mkfifo(self.folder / "pipe.yaml")
+        for path in (self.folder / "pipe.yaml", "/dev/zero"):
+            with self.assertRaisesRegex(node.Refused, "pipe or a device"):
                 node.Description(str(path))
         with self.assertRaisesRegex(node.Refused, "No such file"):
             node.Description(str(self.folder / "none.yaml"))
