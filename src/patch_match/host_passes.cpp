@@ -6,13 +6,13 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/image/for_each_pixel.h"
+#include "acmp_mapping/patch_match/host_functions.h"
 #include "acmp_mapping/patch_match/kernel/depth_evidence.h"
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/median_filter.h"
 #include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
 #include "acmp_mapping/patch_match/match_setup.h"
-#include "acmp_mapping/patch_match/window_sums.h"
 
 namespace acmp {
 namespace {
@@ -23,6 +23,29 @@ void ForEachPixelOfColor(const MatchContext<CpuSampler>& context, int color, con
   tbb::parallel_for(0, context.height, [&](int row) {
     for (int col = (row + color) % 2; col < context.width; col += 2) function(col, row);
   });
+}
+
+/// The median filter for the pixels of a row with (col + row) % 2 == color: several at a time, but where some of them
+/// are near the border or masked ones.
+void FilterMedians(const MatchContext<CpuSampler>& context, int row, int color) {
+  const int stride = 2 * context.sampler.host.lanes;
+  const bool is_inside = row >= kMedianReach && row + kMedianReach < context.height;
+  const auto may_go_together = [&](int col) {
+    if (!is_inside || col < kMedianReach || col + stride - 2 + kMedianReach >= context.width) return false;
+    for (int i = 0; i < stride; i += 2) {
+      if (context.IsNearMasked(col + i, row, kMedianReach)) return false;
+    }
+    return true;
+  };
+  for (int col = (row + color) % 2; col < context.width;) {
+    if (may_go_together(col)) {
+      context.sampler.host.filter_medians(context.rays, context.depth_min, context.depth_max, col, row, context.planes);
+      col += stride;
+    } else {
+      MedianFilterPixel(context, col, row);
+      col += 2;
+    }
+  }
 }
 
 template <Pass kPass, Method kMethod>
@@ -43,7 +66,7 @@ void Iterate(const MatchContext<CpuSampler>& context, int iterations) {
   }
   if constexpr (kMethod == Method::kOurs) {
     for (int color = 0; color < 2; ++color) {
-      ForEachPixelOfColor(context, color, [&](int col, int row) { MedianFilterPixel(context, col, row); });
+      tbb::parallel_for(0, context.height, [&](int row) { FilterMedians(context, row, color); });
     }
   }
 }
@@ -68,7 +91,7 @@ struct HostSources {
   MatchContext<CpuSampler> MakeContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind,
                                        int geometric_pass) const {
     MatchContext<CpuSampler> context = MakeMatchContext<CpuSampler>(problem, options, kind, geometric_pass);
-    context.sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
+    context.sampler = {{problem.reference.gray, images.data()}, SupportedHostFunctions().back()};
     context.sources = views.data();
     context.full_depths = full_depths.data();
     context.mask_distance = problem.reference.mask_distance;

@@ -8,11 +8,11 @@
 #include <utility>
 #include <vector>
 
+#include "acmp_mapping/patch_match/host_functions.h"
 #include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/depth_evidence.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/match_setup.h"
-#include "acmp_mapping/patch_match/window_sums.h"
 #include "support/error_text.h"
 #include "support/kernel_state.h"
 #include "support/random_views.h"
@@ -136,7 +136,7 @@ bool SameBits(const ReferencePatch& a, const ReferencePatch& b) {
 const std::vector<std::pair<int, int>> kSizes = {{1, 1}, {1, 8}, {8, 1}, {2, 2}, {2, 9}, {3, 3}, {11, 11}, {31, 23}};
 
 TEST(WindowSumsTest, AreTheSameBitsOnEveryInstructionSet) {
-  const std::vector<WindowFunctions> sets = SupportedWindowFunctions();
+  const std::vector<HostFunctions> sets = SupportedHostFunctions();
   constexpr float kInf = std::numeric_limits<float>::infinity();
   constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
   for (const auto& [width, height] : kSizes) {
@@ -149,7 +149,7 @@ TEST(WindowSumsTest, AreTheSameBitsOnEveryInstructionSet) {
       if (i % 10 == 9) warp.center.x = i % 20 == 9 ? kInf : kNan;
       const ReferencePatch patch = RandomPatch(&random);
       const WindowSums expected = sets[0].sum_window(image, warp, patch);
-      for (const WindowFunctions& set : sets) {
+      for (const HostFunctions& set : sets) {
         ASSERT_TRUE(SameBits(set.sum_window(image, warp, patch), expected)) << set.instructions << ", window " << i;
       }
     }
@@ -157,12 +157,12 @@ TEST(WindowSumsTest, AreTheSameBitsOnEveryInstructionSet) {
 }
 
 TEST(CpuPatchTest, IsTheSameBitsOnEveryInstructionSet) {
-  const std::vector<WindowFunctions> sets = SupportedWindowFunctions();
+  const std::vector<HostFunctions> sets = SupportedHostFunctions();
   for (const auto& [width, height] : kSizes) {
     const std::vector<PlanarView> views = RandomViews(2, width, height, 6);
     KernelState state(MakeProblem(views, 0, {1, 10}));
     const ImageView<const float> gray = views[0].gray.View();
-    const auto patch_of = [&](const WindowFunctions& set, int col, int row) {
+    const auto patch_of = [&](const HostFunctions& set, int col, int row) {
       ReferencePatch patch;
       LoadReferencePatch(state.ContextWith(CpuSampler{{gray, &gray}, set}), col, row, state.options().sigma_color,
                          SingleThread(), &patch);
@@ -170,9 +170,80 @@ TEST(CpuPatchTest, IsTheSameBitsOnEveryInstructionSet) {
     };
     for (int row = 0; row < height; ++row) {
       for (int col = 0; col < width; ++col) {
-        for (const WindowFunctions& set : sets) {
+        for (const HostFunctions& set : sets) {
           ASSERT_TRUE(SameBits(patch_of(set, col, row), patch_of(sets[0], col, row)))
               << set.instructions << ": " << col << ", " << row;
+        }
+      }
+    }
+  }
+}
+
+/// Random planes and costs, some of these equal, of an image where some pixels are far from the border, some near.
+KernelState RandomEstimate(const std::vector<PlanarView>& views) {
+  KernelState state(MakeProblem(views, 0, {1, 10}));
+  TestRandom random(3);
+  for (PlaneHypothesis& plane : state.planes) {
+    const Vec3f normal = Normalized(Vec3f{Real(&random, -1, 1), Real(&random, -1, 1), -1.0f});
+    plane = {normal.x, normal.y, normal.z, Real(&random, 0.5, 9)};
+  }
+  for (float& cost : state.cost) cost = std::round(Real(&random, 0, 20)) / 10;
+  return state;
+}
+
+TEST(HostMedianFilterTest, IsThatOfThePixelsOnEveryInstructionSet) {
+  const std::vector<PlanarView> views = RandomViews(2, 31, 23, 6);
+  for (const HostFunctions& set : SupportedHostFunctions()) {
+    KernelState together = RandomEstimate(views), alone = RandomEstimate(views);
+    const MatchContext<BilinearSampler> context = together.Context(), expected = alone.Context();
+    for (int row = kMedianReach; row + kMedianReach < 23; ++row) {
+      const int col = 31 - kMedianReach - 2 * set.lanes + 1;  // the last ones
+      set.filter_medians(context.rays, context.depth_min, context.depth_max, col, row, context.planes);
+      for (int i = 0; i < set.lanes; ++i) MedianFilterPixel(expected, col + 2 * i, row);
+    }
+    for (int row = 0; row < 23; ++row) {
+      for (int col = 0; col < 31; ++col) {
+        ASSERT_TRUE(SameBits(together.planes(col, row).d, alone.planes(col, row).d))
+            << set.instructions << ": " << col << ", " << row;
+      }
+    }
+  }
+}
+
+TEST(HostConfidencesTest, DifferInRoundingOnly) {
+  TestRandom random(5);
+  const ConfidenceRule rule = MakeConfidenceRule<Method::kOurs>(1, 3, {});
+  constexpr int kCount = 8, kRegister = 8;
+  for (int num_views = 1; num_views <= kMaxSourceViews; ++num_views) {
+    std::vector<float> costs(static_cast<size_t>(kCount * num_views + kRegister), kNan);
+    for (int i = 0; i < kCount * num_views; ++i) costs[static_cast<size_t>(i)] = Real(&random, 0, 2);
+    const uint32_t views = 0x5b6d97e3u & AllViews(num_views);
+    std::vector<float> expected(kMaxSourceViews), first(kMaxSourceViews);
+    FindConfidences(BilinearSampler(), SingleThread(), costs.data(), views, num_views, kCount, rule, expected.data());
+    for (const HostFunctions& set : SupportedHostFunctions()) {
+      std::vector<float> found(kMaxSourceViews);
+      set.find_confidences(costs.data(), views, num_views, kCount, rule, found.data());
+      if (set.lanes == 4) first = found;
+      for (size_t i = 0; i < found.size(); ++i) {
+        EXPECT_NEAR(found[i], expected[i], 1e-6f);  // some units in the last place of exponentials of at most 1
+        EXPECT_TRUE(SameBits(found[i], first[i])) << set.instructions;
+      }
+    }
+  }
+}
+
+TEST(HostRegionsTest, HaveTheBestOfEach) {
+  const std::vector<PlanarView> views = RandomViews(2, 53, 51, 6);
+  KernelState state = RandomEstimate(views);
+  const MatchContext<BilinearSampler> context = state.Context();
+  for (const bool is_far : {false, true}) {
+    const int reach = RegionReach(is_far);
+    for (int row = reach; row + reach < 51; ++row) {
+      for (int col = reach; col + reach < 53; ++col) {
+        int best[kDirections];
+        FindBestOfRegions(&context.cost(col, row), context.cost.stride, is_far, best);
+        for (int i = 0; i < kDirections; ++i) {
+          EXPECT_EQ(best[i], BestOfRegion(context, col, row, i + (is_far ? kDirections : 0)));
         }
       }
     }

@@ -9,12 +9,12 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/patch_match/host_functions.h"
 #include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/median_filter.h"
 #include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
-#include "acmp_mapping/patch_match/window_sums.h"
 #include "acmp_mapping/pipeline/presets.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
 #include "support/absolute_difference.h"
@@ -139,7 +139,7 @@ class PapersTest : public ::testing::Test {
   }
   MatchContext<CpuSampler> Context(uint32_t pass) {
     MatchContext<CpuSampler> context =
-        state_->ContextWith(CpuSampler{{problem_.reference.gray, images_.data()}, SupportedWindowFunctions().back()});
+        state_->ContextWith(CpuSampler{{problem_.reference.gray, images_.data()}, SupportedHostFunctions().back()});
     context.pass_number = pass;
     return context;
   }

@@ -17,23 +17,25 @@ ACMP_HOST_DEVICE constexpr float EvidencePlane(int i) {
   return i == 0 ? 1.0f : i == 1 ? 0.9f : i == 2 ? 0.8f : i == 3 ? 0.6f : i == 4 ? 0.3f : 0.01f;
 }
 
-/// The window of a pixel as it is compared here: without weights, as texture that is hardly more than noise shows in
-/// the sum of many samples only.
+/// The window of a pixel as it is compared here: with the same weight for all samples but those that the mask ignores,
+/// as texture that is hardly more than noise shows in the sum of many samples only. What would lie outside the image is
+/// the nearest in it.
 /// @tparam kMasked some samples may be such that the mask ignores them
 template <bool kMasked>
 struct PlainWindow {
-  float value[kPatchSamples];                ///< grey values minus the pixel's, row by row
-  float col[kPatchWidth], row[kPatchWidth];  ///< inside the image: the nearest in it
-  float center;
-  float mean, variance;
-  uint64_t counting = ~uint64_t{0};  ///< which samples the mask does not ignore, as bits
-  int count = kPatchSamples;         ///< of these
+  ReferencePatch patch;
+  float col[kPatchWidth], row[kPatchWidth];  ///< of the samples
+  float pixel_col, pixel_row;
+  int count = kPatchSamples;  ///< of the samples that the mask does not ignore
+  bool is_whole;              ///< all of it lies in the image
 
-  ACMP_HOST_DEVICE bool Counts(int i) const { return !kMasked || (counting >> i & 1u) != 0; }
-  ACMP_HOST_DEVICE float InverseCount() const {
-    return kMasked ? 1.0f / static_cast<float>(count) : 1.0f / kPatchSamples;
-  }
+  /// Weight of sample i: 0 or 1.
+  ACMP_HOST_DEVICE float Weight(int i) const { return kMasked ? patch.samples[i].weight : 1.0f; }
 };
+
+/// Place of sample `i` among the columns and rows of a window.
+ACMP_HOST_DEVICE constexpr int PlaceOfCol(int i) { return (WindowCol(i) + kPatchRadius) / kPatchStep; }
+ACMP_HOST_DEVICE constexpr int PlaceOfRow(int i) { return (WindowRow(i) + kPatchRadius) / kPatchStep; }
 
 template <bool kMasked, class Sampler>
 ACMP_HOST_DEVICE inline PlainWindow<kMasked> LoadPlainWindow(const MatchContext<Sampler>& context, int col, int row) {
@@ -47,24 +49,46 @@ ACMP_HOST_DEVICE inline PlainWindow<kMasked> LoadPlainWindow(const MatchContext<
     window.col[i] = static_cast<float>(cols[i]);
     window.row[i] = static_cast<float>(rows[i]);
   }
-  window.center = context.sampler.Reference(col, row);
+  window.pixel_col = static_cast<float>(col);
+  window.pixel_row = static_cast<float>(row);
+  window.is_whole = context.Contains(col - kPatchRadius, row - kPatchRadius) &&
+                    context.Contains(col + kPatchRadius, row + kPatchRadius);
+  window.patch.center = context.sampler.Reference(col, row);
   float sum = 0, squares = 0;
   ACMP_UNROLL
   for (int i = 0; i < kPatchSamples; ++i) {
-    if (kMasked && context.IsMasked(cols[i % kPatchWidth], rows[i / kPatchWidth])) {
-      window.value[i] = 0;
-      window.counting &= ~(uint64_t{1} << i);
+    const int x = cols[PlaceOfCol(i)], y = rows[PlaceOfRow(i)];
+    if (kMasked && context.IsMasked(x, y)) {
+      window.patch.samples[i] = {0, 0};
       --window.count;
       continue;
     }
-    const float value = context.sampler.Reference(cols[i % kPatchWidth], rows[i / kPatchWidth]) - window.center;
-    window.value[i] = value;
+    const float value = context.sampler.Reference(x, y) - window.patch.center;
+    window.patch.samples[i] = {value, 1.0f};
     sum += value;
     squares += value * value;
   }
-  window.mean = window.InverseCount() * sum;
-  window.variance = window.InverseCount() * squares - window.mean * window.mean;
+  SetMoments(static_cast<float>(window.count), sum, squares, &window.patch);
   return window;
+}
+
+/// The sums over a plain window's samples by one thread alone. @param warp as of the pixel (0, 0). Samplers may
+/// overload it, as SumWindow.
+template <bool kMasked, class Sampler>
+ACMP_HOST_DEVICE inline WindowSums SumPlainWindow(const Sampler& sampler, int view, const PlaneWarp& warp,
+                                                  const PlainWindow<kMasked>& window) {
+  const int image = sampler.ImageOf(view);
+  WindowSums sums;
+  ACMP_UNROLL
+  for (int i = 0; i < kPatchSamples; ++i) {
+    const Vec3f start = window.row[PlaceOfRow(i)] * warp.step_row + warp.center;
+    const Vec3f projected = window.col[PlaceOfCol(i)] * warp.step_col + start;
+    const float inv_z = Reciprocal(projected.z);
+    const float x = projected.x * inv_z + Sampler::kPixelCenter, y = projected.y * inv_z + Sampler::kPixelCenter;
+    const PatchSample sample = {window.patch.samples[i].value, window.Weight(i)};
+    Ncc::Add(sample, window.patch.center, sampler.SourceAt(image, x, y), &sums);
+  }
+  return sums;
 }
 
 /// Whether a warped window lies in the source's image: where its corners are in front of the camera and inside, all of
@@ -88,40 +112,23 @@ ACMP_HOST_DEVICE inline bool ContainsWindow(const SourceView& source, const Plan
 /// levels^2; -1 where not all of the window falls into the source's image, or it reaches what the source's mask
 /// ignores.
 /// @param dual of the plane (PlaneDual)
-/// @param col,row of the window's middle
 template <bool kMasked, class Sampler>
 ACMP_HOST_DEVICE inline float UnexplainedVariance(const MatchContext<Sampler>& context,
-                                                  const PlainWindow<kMasked>& window, const Vec3f& dual, int col,
-                                                  int row, int view) {
+                                                  const PlainWindow<kMasked>& window, const Vec3f& dual, int view) {
   const SourceView& source = context.sources[view];
   const PlaneWarp warp = MakePlaneWarp(source, dual, 0, 0);
   if (!ContainsWindow(source, warp, window)) return -1;
   if (Sampler::kHasMasks && context.source_mask_distances != nullptr &&
-      ReachesMasked(context, view, MakePlaneWarp(source, dual, static_cast<float>(col), static_cast<float>(row)))) {
+      ReachesMasked(context, view, MakePlaneWarp(source, dual, window.pixel_col, window.pixel_row))) {
     return -1;
   }
-  const int image = context.sampler.ImageOf(view);
-  float sum = 0, squares = 0, products = 0;
-  ACMP_UNROLL
-  for (int r = 0; r < kPatchWidth; ++r) {
-    const Vec3f start = window.row[r] * warp.step_row + warp.center;
-    ACMP_UNROLL
-    for (int c = 0; c < kPatchWidth; ++c) {
-      if (!window.Counts(r * kPatchWidth + c)) continue;
-      const Vec3f projected = window.col[c] * warp.step_col + start;
-      const float inv_z = Reciprocal(projected.z);
-      const float x = projected.x * inv_z + Sampler::kPixelCenter, y = projected.y * inv_z + Sampler::kPixelCenter;
-      const float value = context.sampler.SourceAt(image, x, y) - window.center;
-      sum += value;
-      squares += value * value;
-      products += value * window.value[r * kPatchWidth + c];
-    }
-  }
-  const float mean = window.InverseCount() * sum;
-  const float variance = window.InverseCount() * squares - mean * mean;
-  const float covariance = window.InverseCount() * products - window.mean * mean;
-  if (!(covariance > 0 && variance > 0)) return window.variance;
-  const float rest = window.variance - covariance * covariance / variance;
+  const ReferencePatch& patch = window.patch;
+  const WindowSums sums = SumPlainWindow(context.sampler, view, warp, window);
+  const float mean = patch.inv_sum_weight * sums.ws;
+  const float variance = patch.inv_sum_weight * sums.wss - mean * mean;
+  const float covariance = patch.inv_sum_weight * sums.wrs - patch.mean * mean;
+  if (!(covariance > 0 && variance > 0)) return patch.variance;
+  const float rest = patch.variance - covariance * covariance / variance;
   return rest > 0 ? rest : 0;
 }
 
@@ -162,7 +169,7 @@ ACMP_HOST_DEVICE inline float EvidenceOfWindow(const MatchContext<Sampler>& cont
     for (int k = 0; k < kPerThread; ++k) {
       const int i = group.Rank() + k * Group::kSize;
       unexplained[k] =
-          i < kEvidencePlanes ? UnexplainedVariance(context, window, EvidencePlane(i) * dual, col, row, view) : -1.0f;
+          i < kEvidencePlanes ? UnexplainedVariance(context, window, EvidencePlane(i) * dual, view) : -1.0f;
     }
     const float here = group.FromFirst(unexplained[0]);
     if (here < 0) continue;

@@ -21,44 +21,47 @@ ACMP_HOST_DEVICE inline int RemoveAbsent(const Group& group, int size, PlaneHypo
   return *count;
 }
 
-constexpr int kNumRegions = 8;  ///< four V-shaped near regions, four far strips
+constexpr int kDirections = 4;                ///< up, down, left, right
+constexpr int kNumRegions = 2 * kDirections;  ///< a V-shaped near region and a far strip in each
 constexpr int kNearRegionSize = 7;
 constexpr int kFarRegionSize = 11;
 
-/// Offset of member `member` of region `region` of the adaptive checkerboard (ACMH, CVPR 2019): regions 0-3 are the
-/// near Vs up, down, left, right; 4-7 the far strips in the same order. dx + dy is odd for all: the other colour.
+ACMP_HOST_DEVICE constexpr int RegionSize(bool is_far) { return is_far ? kFarRegionSize : kNearRegionSize; }
+
+/// Where member `member` of a region of the adaptive checkerboard (ACMH, CVPR 2019) lies: steps in the region's
+/// direction, and across it: (1, 0), (2, +-1), (3, +-2), (4, +-3) of a near V, (3, 0), (5, 0) .. (23, 0) of a far
+/// strip. Their sums are odd: the other colour.
+ACMP_HOST_DEVICE constexpr int StepsAcross(bool is_far, int member) {
+  return is_far ? 0 : member % 2 == 1 ? -(member + 1) / 2 : (member + 1) / 2;
+}
+ACMP_HOST_DEVICE constexpr int StepsAlong(bool is_far, int member) {
+  return is_far ? 3 + 2 * member : (member + 1) / 2 + 1;
+}
+ACMP_HOST_DEVICE constexpr int RegionReach(bool is_far) { return StepsAlong(is_far, RegionSize(is_far) - 1); }
+
+/// Offset of member `member` of region `region`: 0-3 are the near Vs up, down, left, right; 4-7 the far strips in the
+/// same order.
 ACMP_HOST_DEVICE inline void RegionOffset(int region, int member, int* dx, int* dy) {
-  int along, across;
-  if (region < 4) {
-    // (0,1), (+-1,2), (+-2,3), (+-3,4)
-    across = (member + 1) / 2;
-    along = across + 1;
-    if (member % 2 == 1) across = -across;
-  } else {
-    across = 0;
-    along = 3 + 2 * member;
-  }
-  const int direction = region % 4;
-  if (direction == 0 || direction == 2) along = -along;
+  const bool is_far = region >= kDirections;
+  const int direction = region % kDirections, across = StepsAcross(is_far, member);
+  const int along = direction % 2 == 0 ? -StepsAlong(is_far, member) : StepsAlong(is_far, member);
   *dx = direction < 2 ? across : along;
   *dy = direction < 2 ? along : across;
 }
 
-ACMP_HOST_DEVICE inline int RegionSize(int region) { return region < 4 ? kNearRegionSize : kFarRegionSize; }
-
-/// Linear index of the region's member with the smallest stored cost, or -1 when the whole region lies outside the
-/// image. Ties go to the nearer member.
+/// The region's member with the smallest stored cost, or -1 when the whole region lies outside the image. Ties go to
+/// the nearer member.
 template <class Sampler>
 ACMP_HOST_DEVICE inline int BestOfRegion(const MatchContext<Sampler>& context, int col, int row, int region) {
   int best = -1;
   float best_cost = 0;
-  for (int member = 0; member < RegionSize(region); ++member) {
+  for (int member = 0; member < RegionSize(region >= kDirections); ++member) {
     int dx, dy;
     RegionOffset(region, member, &dx, &dy);
     if (!context.Contains(col + dx, row + dy)) continue;
     const float cost = context.cost(col + dx, row + dy);
     if (best < 0 || cost < best_cost) {
-      best = (row + dy) * context.width + col + dx;
+      best = member;
       best_cost = cost;
     }
   }
@@ -75,23 +78,32 @@ constexpr RegionRange kAllRegions = {0, kNumRegions};
 /// The four near or the four far ones: neighbouring blocks of 2 x 2 px take different ones, and a block those that it
 /// did not take a turn ago.
 ACMP_HOST_DEVICE inline RegionRange AlternatingRegions(int col, int row, uint32_t turn) {
-  constexpr int kHalf = kNumRegions / 2;
   const bool far = ((static_cast<uint32_t>(col / 2 + row / 2) + turn) & 1u) != 0;
-  return {far ? kHalf : 0, kHalf};
+  return {far ? kDirections : 0, kDirections};
 }
 
-/// Hypotheses from the other colour, one per region, into `candidates`. Absent: outside the image, or the
-/// plane does not meet this pixel's ray within the depth range. Returns how many; all of the group see them then.
+/// What a region hands over: its best member's plane (`member`: BestOfRegion); absent where that does not meet the
+/// pixel's ray within the depth range.
+template <class Sampler>
+ACMP_HOST_DEVICE inline PlaneHypothesis CandidateOf(const MatchContext<Sampler>& context, int col, int row,
+                                                    const Vec3f& ray, int region, int member) {
+  if (member < 0) return {};
+  int dx, dy;
+  RegionOffset(region, member, &dx, &dy);
+  const PlaneHypothesis plane = context.planes(col + dx, row + dy);
+  return context.InRange(PlaneDepth(plane, ray)) ? plane : PlaneHypothesis{};
+}
+
+/// Hypotheses from the other colour, one per region that has one, into `candidates`. Returns how many; all of the group
+/// see them then. Samplers may overload it with something faster.
 /// @param count memory that the group shares
 template <class Sampler, class Group>
 ACMP_HOST_DEVICE inline int CollectCandidates(const MatchContext<Sampler>& context, int col, int row, const Vec3f& ray,
                                               const RegionRange& regions, const Group& group,
                                               PlaneHypothesis* candidates, int* count) {
   ForEach(group, regions.count, [&](int i) {
-    const int index = BestOfRegion(context, col, row, regions.first + i);
-    PlaneHypothesis plane;
-    if (index >= 0) plane = context.planes(index % context.width, index / context.width);
-    candidates[i] = index >= 0 && context.InRange(PlaneDepth(plane, ray)) ? plane : PlaneHypothesis{};
+    const int region = regions.first + i;
+    candidates[i] = CandidateOf(context, col, row, ray, region, BestOfRegion(context, col, row, region));
   });
   return RemoveAbsent(group, regions.count, candidates, count);
 }

@@ -33,29 +33,51 @@ ACMP_HOST_DEVICE inline float SumOfLikelihoods(const float* costs, int stride, i
   return sum;
 }
 
-/// w(I_j) of ACMH, from a view's costs over the propagated hypotheses: the mean confidence exp(-m^2 / (2 beta^2)) of
-/// the good ones where `decisive` or more are good and fewer bad. Else 0; in ours, where they are neither, that of a
-/// cost just good enough with a beta of 0.4.
+/// How costs become w(I_j) of ACMH.
+struct ConfidenceRule {
+  float good;       ///< costs below are good
+  int decisive;     ///< so many good costs select a view, and so many bad ones reject it
+  float undecided;  ///< the confidence in a view that they do neither to
+  float inv_sigma;  ///< 1 / (2 beta^2)
+};
+
+/// In ours an undecided view has the confidence of a cost just good enough with a beta of 0.4, in ACMH none.
 template <Method kMethod>
-ACMP_HOST_DEVICE inline float MeanConfidence(const float* costs, int stride, int count, int iteration, int decisive,
-                                             const PatchMatchOptions& options) {
-  const float inv_sigma = 0.5f / (options.sigma_view * options.sigma_view);
-  const float good_threshold = GoodCost(iteration);
+ACMP_HOST_DEVICE inline ConfidenceRule MakeConfidenceRule(int iteration, int decisive,
+                                                          const PatchMatchOptions& options) {
+  const float good = GoodCost(iteration);
+  return {good, decisive, kMethod == Method::kOurs ? expf(good * good / -0.32f) : 0.0f,
+          0.5f / (options.sigma_view * options.sigma_view)};
+}
+
+/// w(I_j) of ACMH, from a view's costs over the propagated hypotheses: the mean confidence exp(-m^2 / (2 beta^2)) of
+/// the good ones where enough are good and few bad.
+ACMP_HOST_DEVICE inline float MeanConfidence(const float* costs, int stride, int count, const ConfidenceRule& rule) {
   int good = 0, bad = 0;
   float sum = 0;
   for (int i = 0; i < count; ++i) {
     // The analyser does not see that the caller has filled the first `count` costs of each view.
     const float cost = costs[i * stride];  // NOLINT(clang-analyzer-core.uninitialized.Assign)
-    if (cost < good_threshold) {
-      sum += expf(-cost * cost * inv_sigma);
+    if (cost < rule.good) {
+      sum += expf(-cost * cost * rule.inv_sigma);
       ++good;
     } else if (cost > kBadCost) {
       ++bad;
     }
   }
-  if (bad >= decisive) return 0;
-  if (good >= decisive) return sum / static_cast<float>(good);
-  return kMethod == Method::kOurs ? expf(good_threshold * good_threshold / -0.32f) : 0;
+  if (bad >= rule.decisive) return 0;
+  return good >= rule.decisive ? sum / static_cast<float>(good) : rule.undecided;
+}
+
+/// MeanConfidence of each of the views in a mask, of the others 0; each by the thread that ForEach gives the view to.
+/// Samplers may overload it with something faster that differs in rounding only.
+/// @param costs of `count` hypotheses, [count][num_views]
+template <class Sampler, class Group>
+ACMP_HOST_DEVICE inline void FindConfidences(const Sampler&, const Group& group, const float* costs, uint32_t views,
+                                             int num_views, int count, const ConfidenceRule& rule, float* confidence) {
+  ForEach(group, num_views, [&](int view) {
+    confidence[view] = (views >> view & 1u) != 0 ? MeanConfidence(costs + view, num_views, count, rule) : 0.0f;
+  });
 }
 
 /// w'(I_j) of ACMH: the view that weighed most in the iteration before counts twice, and a little where it would not
@@ -171,17 +193,20 @@ ACMP_HOST_DEVICE inline uint32_t WeighViews(const PixelUpdate<Sampler, Group, kM
                                             int count, int iteration, RandomStream* random) {
   PixelScratch& scratch = *pixel.scratch;
   const MatchContext<Sampler>& context = pixel.context;
+  float* likelihoods = scratch.ViewProbability();
+  if constexpr (kMethod != Method::kAcmp) {
+    const ConfidenceRule rule = MakeConfidenceRule<kMethod>(iteration, DecisiveCosts(pixel.regions), context.options);
+    FindConfidences(context.sampler, pixel.group, scratch.ViewCost(0), views, context.num_sources, count - 1, rule,
+                    likelihoods);
+  }
   ForEach(pixel.group, context.num_sources, [&](int view) {
-    const float* costs = scratch.ViewCost(0) + view;
     float likelihood = 0;
     if constexpr (kMethod == Method::kAcmp) {
-      likelihood = SumOfLikelihoods(costs, context.num_sources, count, context.options);
-    } else if ((views >> view & 1u) != 0) {
-      likelihood = MeanConfidence<kMethod>(costs, context.num_sources, count - 1, iteration,
-                                           DecisiveCosts(pixel.regions), context.options);
+      likelihood = SumOfLikelihoods(scratch.ViewCost(0) + view, context.num_sources, count, context.options);
+    } else {
+      likelihood = likelihoods[view];
     }
-    scratch.ViewProbability()[view] =
-        likelihood > 0 ? likelihood * ViewSmoothness(context, pixel.col, pixel.row, view) : 0;
+    likelihoods[view] = likelihood > 0 ? likelihood * ViewSmoothness(context, pixel.col, pixel.row, view) : 0;
     scratch.Draws()[view] = 0;
   });
   pixel.group.Sync();
@@ -200,9 +225,9 @@ ACMP_HOST_DEVICE inline uint32_t WeighViewsWithMemory(const PixelUpdate<Sampler,
                                                       uint32_t weighed_most, int count, int iteration) {
   PixelScratch& scratch = *pixel.scratch;
   const int num_sources = pixel.context.num_sources;
+  const ConfidenceRule rule = MakeConfidenceRule<kMethod>(iteration, kDecisiveCosts, pixel.context.options);
   ForEach(pixel.group, num_sources, [&](int view) {
-    const float confidence = MeanConfidence<kMethod>(scratch.ViewCost(0) + view, num_sources, count - 1, iteration,
-                                                     kDecisiveCosts, pixel.context.options);
+    const float confidence = MeanConfidence(scratch.ViewCost(0) + view, num_sources, count - 1, rule);
     scratch.ViewProbability()[view] = WeightWithMemory(confidence, (weighed_most >> view & 1u) != 0);
   });
   pixel.group.Sync();

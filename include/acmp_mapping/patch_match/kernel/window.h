@@ -87,7 +87,7 @@ ACMP_HOST_DEVICE inline float SampleBilinear(const ImageView<const float>& image
 
 struct Ncc;  // photometric_cost.h
 
-/// Sampler over images in plain memory, with explicit interpolation. The CPU's is derived from it (window_sums.h).
+/// Sampler over images in plain memory, with explicit interpolation. The CPU's is derived from it (host_functions.h).
 struct BilinearSampler {
   using Cost = Ncc;
   ImageView<const float> reference;

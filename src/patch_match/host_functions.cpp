@@ -1,7 +1,9 @@
-#include "acmp_mapping/patch_match/window_sums.h"
+#include "acmp_mapping/patch_match/host_functions.h"
 
 #include <cstdint>
 #include <cstring>
+#include <type_traits>
+#include <utility>
 
 // GNU vectors (gcc and clang, any processor) instead of one processor's intrinsics. Products and sums must not fuse in
 // this file (-ffp-contract=off), so that a variant's results do not depend on what its instruction set has. A variant
@@ -25,7 +27,7 @@ typedef int64_t Pairs8 __attribute__((vector_size(32)));
   __builtin_shuffle((Floats)(a), (Floats)(b), (decltype((Floats){} < (Floats){})){__VA_ARGS__})
 #endif
 
-#define ACMP_PART inline __attribute__((always_inline))
+#define ACMP_PART inline ACMP_ALWAYS_INLINE
 
 /// Eight lanes hold the samples in this order, which separating pairs within each half of a register gives.
 constexpr int kLaneSamples[8] = {0, 1, 4, 5, 2, 3, 6, 7};
@@ -273,6 +275,88 @@ ACMP_PART void LoadPatchIn(const ImageView<const float>& reference, int col, int
   SetMoments(SumLanes(sum[0]), SumLanes(sum[1]), SumLanes(sum[2]), patch);
 }
 
+/// @tparam kFar whether of the far regions
+template <bool kFar, int... kMembers>
+ACMP_PART void FindBest(const float* cost, int stride, std::integer_sequence<int, kMembers...>, Ints4* best) {
+  Floats4 least = {};
+  const auto compare = [&](int member, int along, int across) ACMP_ALWAYS_INLINE {
+    const int up_down = along * stride, rows_across = across * stride;
+    const Floats4 of_member = {cost[across - up_down], cost[across + up_down], cost[rows_across - along],
+                               cost[rows_across + along]};
+    if (member == 0) least = of_member;
+    *best = of_member < least ? Ints4{} + member : *best;
+    least = of_member < least ? of_member : least;
+  };
+  (compare(kMembers, std::integral_constant<int, StepsAlong(kFar, kMembers)>::value,
+           std::integral_constant<int, StepsAcross(kFar, kMembers)>::value),
+   ...);
+}
+
+/// Median filter of as many pixels as a register has lanes, every second one of a row.
+template <class Floats, class Pairs>
+ACMP_PART void FilterMediansIn(const RayGrid& rays, float depth_min, float depth_max, int col, int row,
+                               const ImageView<PlaneHypothesis>& planes) {
+  constexpr int kRegisterLanes = sizeof(Floats) / sizeof(float);
+  constexpr MedianOffsets offsets;
+  constexpr int kWords = sizeof(PlaneHypothesis) / sizeof(float);
+  int lane_offset[kRegisterLanes];
+  Floats lane_col;
+  for (int lane = 0; lane < kRegisterLanes; ++lane) {
+    lane_offset[lane] = 2 * kWords * lane;
+    lane_col[lane] = static_cast<float>(col + 2 * lane);
+  }
+  const auto load = [&](int from_col, int from_row, Floats* nx, Floats* ny, Floats* nz, Floats* d) ACMP_ALWAYS_INLINE {
+    const float* first = &planes(from_col, from_row).nx;
+    LoadPairs(first, lane_offset, nx, ny);
+    LoadPairs(first + 2, lane_offset, nz, d);
+  };
+  const Floats ray_x = (lane_col - rays.cx) * rays.inv_fx;
+  const float ray_y = (static_cast<float>(row) - rays.cy) * rays.inv_fy;
+  Floats own[kMedianPixels], extended[kMedianPixels];
+  for (int i = 0; i < kMedianPixels; ++i) {
+    Floats nx, ny, nz, d;
+    load(col + offsets.col[i], row + offsets.row[i], &nx, &ny, &nz, &d);
+    const Floats x = (lane_col + static_cast<float>(offsets.col[i]) - rays.cx) * rays.inv_fx;
+    const float y = (static_cast<float>(row + offsets.row[i]) - rays.cy) * rays.inv_fy;
+    own[i] = -d / (nx * x + ny * y + nz);
+    const Floats depth = -d / (nx * ray_x + ny * ray_y + nz);
+    const Floats from_min = depth >= depth_min ? depth : Floats{} + kBeyondRange;
+    extended[i] = depth <= depth_max ? from_min : Floats{} + kBeyondRange;
+  }
+  DepthStatistics<Floats> depths, slopes;
+  FindStatistics(own, &depths);
+  FindStatistics(extended, &slopes);
+  const Floats spread_or_none = slopes.median < kBeyondRange ? slopes.spread : depths.spread;
+  const Floats depth = spread_or_none < depths.spread ? slopes.median : depths.median;
+  Floats nx, ny, nz, d;
+  load(col, row, &nx, &ny, &nz, &d);
+  d = -depth * (nx * ray_x + ny * ray_y + nz);
+  for (int lane = 0; lane < kRegisterLanes; ++lane) planes(col + 2 * lane, row).d = d[lane];
+}
+
+template <class Floats, class Ints>
+ACMP_PART void FindConfidencesIn(const float* costs, uint32_t views, int num_views, int count,
+                                 const ConfidenceRule& rule, float* confidence) {
+  constexpr int kRegisterLanes = sizeof(Floats) / sizeof(float);
+  for (int first = 0; first < num_views; first += kRegisterLanes) {
+    Floats sum = {}, good = {}, bad = {};
+    for (int i = 0; i < count; ++i) {
+      Floats cost, exponential;
+      memcpy(&cost, costs + i * num_views + first, sizeof(cost));
+      Exp<Floats, Ints>(-cost * cost * rule.inv_sigma, &exponential);
+      sum += cost < rule.good ? exponential : Floats{};
+      good += cost < rule.good ? Floats{} + 1.0f : Floats{};
+      bad += cost > kBadCost ? Floats{} + 1.0f : Floats{};
+    }
+    const float decisive = static_cast<float>(rule.decisive);
+    const Floats decided = good >= decisive ? sum / good : Floats{} + rule.undecided;
+    const Floats result = bad >= decisive ? Floats{} : decided;
+    for (int view = first; view < num_views && view < first + kRegisterLanes; ++view) {
+      confidence[view] = (views >> view & 1u) != 0 ? result[view - first] : 0.0f;
+    }
+  }
+}
+
 #ifdef __x86_64__
 #define ACMP_AVX2 __attribute__((target("avx2")))
 
@@ -285,15 +369,38 @@ ACMP_AVX2 void LoadPatchByAvx2(const ImageView<const float>& reference, int col,
                                float inv_color, ReferencePatch* patch) {
   LoadPatchIn<Floats8, Ints8>(reference, col, row, inv_spatial, inv_color, patch);
 }
+
+ACMP_AVX2 void FilterMediansByAvx2(const RayGrid& rays, float depth_min, float depth_max, int col, int row,
+                                   const ImageView<PlaneHypothesis>& planes) {
+  FilterMediansIn<Floats8, Pairs8>(rays, depth_min, depth_max, col, row, planes);
+}
+
+ACMP_AVX2 void FindConfidencesByAvx2(const float* costs, uint32_t views, int num_views, int count,
+                                     const ConfidenceRule& rule, float* confidence) {
+  FindConfidencesIn<Floats8, Ints8>(costs, views, num_views, count, rule, confidence);
+}
 #endif
 
 }  // namespace
 
-std::vector<WindowFunctions> SupportedWindowFunctions() {
-  std::vector<WindowFunctions> supported = {
-      {"baseline", SumWindowIn<Floats4, Ints4, Pairs4>, LoadPatchIn<Floats4, Ints4>}};
+void FindBestOfRegions(const float* cost, int stride, bool is_far, int (&best)[kDirections]) {
+  Ints4 members = {};
+  if (is_far) {
+    FindBest<true>(cost, stride, std::make_integer_sequence<int, RegionSize(true)>(), &members);
+  } else {
+    FindBest<false>(cost, stride, std::make_integer_sequence<int, RegionSize(false)>(), &members);
+  }
+  memcpy(best, &members, sizeof(best));
+}
+
+std::vector<HostFunctions> SupportedHostFunctions() {
+  std::vector<HostFunctions> supported = {{"baseline", 4, SumWindowIn<Floats4, Ints4, Pairs4>,
+                                           LoadPatchIn<Floats4, Ints4>, FilterMediansIn<Floats4, Pairs4>,
+                                           FindConfidencesIn<Floats4, Ints4>}};
 #ifdef __x86_64__
-  if (__builtin_cpu_supports("avx2")) supported.push_back({"avx2", SumWindowByAvx2, LoadPatchByAvx2});
+  if (__builtin_cpu_supports("avx2")) {
+    supported.push_back({"avx2", 8, SumWindowByAvx2, LoadPatchByAvx2, FilterMediansByAvx2, FindConfidencesByAvx2});
+  }
 #endif
   return supported;
 }
