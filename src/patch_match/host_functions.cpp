@@ -55,7 +55,7 @@ constexpr LaneOffsets MakeLaneOffsets() {
 
 constexpr LaneOffsets kLaneOffsets = MakeLaneOffsets();
 
-/// Of each lane's sample: the four texels around it begin at `offset`, and how far it lies between them.
+/// Of each lane's sample: the four pixels around it begin at `offset`, and how far it lies between them.
 struct WindowCells {
   alignas(32) int offset[kLanes];
   alignas(32) float fx[kLanes];
@@ -145,11 +145,11 @@ ACMP_PART float SumLanes(const Floats4& lanes) { return (lanes[0] + lanes[2]) + 
 /// Where the samples of the lanes from `lane` on lie in the source image.
 template <class Floats, class Ints>
 ACMP_PART void FindCells(const ImageView<const float>& image, const PlaneWarp& warp, int lane, WindowCells* cells) {
-  const Floats zero = {};
   // One unit in the last place before the last column and row, so that a cell always has a next one.
   constexpr float kBelowOne = 1.0f - 0x1p-24f;
-  const Floats max_x = zero + kBelowOne * static_cast<float>(image.width - 1);
-  const Floats max_y = zero + kBelowOne * static_cast<float>(image.height - 1);
+  const Floats max_x = Floats{} + kBelowOne * static_cast<float>(image.width - 1);
+  const Floats max_y = Floats{} + kBelowOne * static_cast<float>(image.height - 1);
+  const Floats zero = max_x - max_x;  // not a constant, or gcc makes two instructions of a maximum
   Floats dx, dy;
   memcpy(&dx, kLaneOffsets.col + lane, sizeof(dx));
   memcpy(&dy, kLaneOffsets.row + lane, sizeof(dy));
@@ -193,28 +193,39 @@ ACMP_PART void AddSamples(const ImageView<const float>& image, const WindowCells
   *wrs += weighted * reference;
 }
 
-/// Lane by lane the same additions in the same order, whatever the registers' width.
+template <class Floats, class Ints>
+ACMP_PART void FindAllCells(const ImageView<const float>& image, const PlaneWarp& warp, WindowCells* cells) {
+  constexpr int kRegisterLanes = sizeof(Floats) / sizeof(float);
+  for (int i = 0; i < kPatchSamples; i += kRegisterLanes) FindCells<Floats, Ints>(image, warp, i, cells);
+}
+
+/// Lane by lane the same additions in the same order, whatever the registers' width. The next window's cells are found
+/// before the samples of a window are read: a processor works on both at once.
 /// @tparam Floats,Ints,Pairs registers of 4 or 8 floats, as many integers, and half as many pairs
 template <class Floats, class Ints, class Pairs>
-ACMP_PART WindowSums SumWindowIn(const ImageView<const float>& image, const PlaneWarp& warp,
-                                 const ReferencePatch& patch) {
+ACMP_PART void SumWindowsIn(const ImageView<const float>& image, const PlaneWarp* warps, int count,
+                            const ReferencePatch& patch, WindowSums* sums) {
   constexpr int kRegisterLanes = sizeof(Floats) / sizeof(float), kRegisters = 8 / kRegisterLanes;
   const PatchSample* samples = patch.samples;
-  WindowCells cells;
-  for (int i = 0; i < kPatchSamples; i += kRegisterLanes) FindCells<Floats, Ints>(image, warp, i, &cells);
-  Floats eight[3][kRegisters] = {};
-  for (int i = 0; i < kWideSamples; i += 8) {
-    for (int k = 0; k < kRegisters; ++k) {
-      const PatchSample* first = samples + i + 2 * k;
-      AddSamples<Floats, Pairs>(image, cells, patch.center, i + 4 * k, first, first + 4, &eight[0][k], &eight[1][k],
-                                &eight[2][k]);
+  WindowCells all_cells[2];
+  if (count > 0) FindAllCells<Floats, Ints>(image, warps[0], &all_cells[0]);
+  for (int window = 0; window < count; ++window) {
+    if (window + 1 < count) FindAllCells<Floats, Ints>(image, warps[window + 1], &all_cells[(window + 1) % 2]);
+    const WindowCells& cells = all_cells[window % 2];
+    Floats eight[3][kRegisters] = {};
+    for (int i = 0; i < kWideSamples; i += 8) {
+      for (int k = 0; k < kRegisters; ++k) {
+        const PatchSample* first = samples + i + 2 * k;
+        AddSamples<Floats, Pairs>(image, cells, patch.center, i + 4 * k, first, first + 4, &eight[0][k], &eight[1][k],
+                                  &eight[2][k]);
+      }
     }
+    Floats4 sum[3];
+    for (int k = 0; k < 3; ++k) AddHalves(eight[k], &sum[k]);
+    AddSamples<Floats4, Pairs4>(image, cells, patch.center, kWideSamples, samples + kWideSamples,
+                                samples + kWideSamples + 2, &sum[0], &sum[1], &sum[2]);
+    sums[window] = {SumLanes(sum[0]), SumLanes(sum[1]), SumLanes(sum[2])};
   }
-  Floats4 sum[3];
-  for (int k = 0; k < 3; ++k) AddHalves(eight[k], &sum[k]);
-  AddSamples<Floats4, Pairs4>(image, cells, patch.center, kWideSamples, samples + kWideSamples,
-                              samples + kWideSamples + 2, &sum[0], &sum[1], &sum[2]);
-  return {SumLanes(sum[0]), SumLanes(sum[1]), SumLanes(sum[2])};
 }
 
 /// exp(x) to two units in the last place for -87 <= x <= 0; below, about 1e-38.
@@ -360,9 +371,9 @@ ACMP_PART void FindConfidencesIn(const float* costs, uint32_t views, int num_vie
 #ifdef __x86_64__
 #define ACMP_AVX2 __attribute__((target("avx2")))
 
-ACMP_AVX2 WindowSums SumWindowByAvx2(const ImageView<const float>& image, const PlaneWarp& warp,
-                                     const ReferencePatch& patch) {
-  return SumWindowIn<Floats8, Ints8, Pairs8>(image, warp, patch);
+ACMP_AVX2 void SumWindowsByAvx2(const ImageView<const float>& image, const PlaneWarp* warps, int count,
+                                const ReferencePatch& patch, WindowSums* sums) {
+  SumWindowsIn<Floats8, Ints8, Pairs8>(image, warps, count, patch, sums);
 }
 
 ACMP_AVX2 void LoadPatchByAvx2(const ImageView<const float>& reference, int col, int row, float inv_spatial,
@@ -394,12 +405,12 @@ void FindBestOfRegions(const float* cost, int stride, bool is_far, int (&best)[k
 }
 
 std::vector<HostFunctions> SupportedHostFunctions() {
-  std::vector<HostFunctions> supported = {{"baseline", 4, SumWindowIn<Floats4, Ints4, Pairs4>,
+  std::vector<HostFunctions> supported = {{"baseline", 4, SumWindowsIn<Floats4, Ints4, Pairs4>,
                                            LoadPatchIn<Floats4, Ints4>, FilterMediansIn<Floats4, Pairs4>,
                                            FindConfidencesIn<Floats4, Ints4>}};
 #ifdef __x86_64__
   if (__builtin_cpu_supports("avx2")) {
-    supported.push_back({"avx2", 8, SumWindowByAvx2, LoadPatchByAvx2, FilterMediansByAvx2, FindConfidencesByAvx2});
+    supported.push_back({"avx2", 8, SumWindowsByAvx2, LoadPatchByAvx2, FilterMediansByAvx2, FindConfidencesByAvx2});
   }
 #endif
   return supported;

@@ -12,6 +12,7 @@
 #include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/depth_evidence.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
+#include "acmp_mapping/patch_match/kernel/match_pairs.h"
 #include "acmp_mapping/patch_match/match_setup.h"
 #include "support/error_text.h"
 #include "support/kernel_state.h"
@@ -135,7 +136,7 @@ bool SameBits(const ReferencePatch& a, const ReferencePatch& b) {
 
 const std::vector<std::pair<int, int>> kSizes = {{1, 1}, {1, 8}, {8, 1}, {2, 2}, {2, 9}, {3, 3}, {11, 11}, {31, 23}};
 
-TEST(WindowSumsTest, AreTheSameBitsOnEveryInstructionSet) {
+TEST(WindowSumsTest, AreTheSameBitsOnEveryInstructionSetAloneOrTogether) {
   const std::vector<HostFunctions> sets = SupportedHostFunctions();
   constexpr float kInf = std::numeric_limits<float>::infinity();
   constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
@@ -144,13 +145,19 @@ TEST(WindowSumsTest, AreTheSameBitsOnEveryInstructionSet) {
     const GrayImage padded = RandomImage(width + 3, height + 2, 1);
     const ImageView<const float> image = {&padded(2, 1), width, height, width + 3};
     TestRandom random(2);
-    for (int i = 0; i < 1000; ++i) {
-      PlaneWarp warp = RandomWarp(width, height, &random);
-      if (i % 10 == 9) warp.center.x = i % 20 == 9 ? kInf : kNan;
+    for (int i = 0; i < 200; ++i) {
+      std::vector<PlaneWarp> warps;
+      for (int k = 0; k < 1 + i % kMaxHypotheses; ++k) warps.push_back(RandomWarp(width, height, &random));
+      if (i % 4 == 0) warps.back().center.x = i % 8 == 0 ? kInf : kNan;
       const ReferencePatch patch = RandomPatch(&random);
-      const WindowSums expected = sets[0].sum_window(image, warp, patch);
       for (const HostFunctions& set : sets) {
-        ASSERT_TRUE(SameBits(set.sum_window(image, warp, patch), expected)) << set.instructions << ", window " << i;
+        std::vector<WindowSums> sums(warps.size());
+        set.sum_windows(image, warps.data(), static_cast<int>(warps.size()), patch, sums.data());
+        for (size_t k = 0; k < warps.size(); ++k) {
+          WindowSums expected;
+          sets[0].sum_windows(image, &warps[k], 1, patch, &expected);
+          ASSERT_TRUE(SameBits(sums[k], expected)) << set.instructions << ", window " << i << " + " << k;
+        }
       }
     }
   }

@@ -15,8 +15,9 @@ namespace acmp {
 struct HostFunctions {
   const char* instructions;
   int lanes;  ///< of a register
-  /// As the function of that name, from an image of at least 2 x 2 px.
-  WindowSums (*sum_window)(const ImageView<const float>& image, const PlaneWarp& warp, const ReferencePatch& patch);
+  /// SumWindow of each of `count` windows in one image, of at least 2 x 2 px.
+  void (*sum_windows)(const ImageView<const float>& image, const PlaneWarp* warps, int count,
+                      const ReferencePatch& patch, WindowSums* sums);
   /// LoadReferencePatch, with the factors of BilateralWeight.
   void (*load_patch)(const ImageView<const float>& reference, int col, int row, float inv_spatial, float inv_color,
                      ReferencePatch* patch);
@@ -43,10 +44,20 @@ struct CpuSampler : BilinearSampler {
   HostFunctions host;
 };
 
-inline WindowSums SumWindow(const CpuSampler& sampler, int view, const PlaneWarp& warp, const ReferencePatch& patch) {
+inline void SumWindowsOfView(const CpuSampler& sampler, int view, const PlaneWarp* warps, int count,
+                             const ReferencePatch& patch, WindowSums* sums) {
   const ImageView<const float>& image = sampler.sources[view];
-  if (image.width < 2 || image.height < 2) return SumWindow<BilinearSampler>(sampler, view, warp, patch);
-  return sampler.host.sum_window(image, warp, patch);
+  if (image.width < 2 || image.height < 2) {
+    SumWindowsOfView<BilinearSampler>(sampler, view, warps, count, patch, sums);
+  } else {
+    sampler.host.sum_windows(image, warps, count, patch, sums);
+  }
+}
+
+inline WindowSums SumWindow(const CpuSampler& sampler, int view, const PlaneWarp& warp, const ReferencePatch& patch) {
+  WindowSums sums;
+  SumWindowsOfView(sampler, view, &warp, 1, patch, &sums);
+  return sums;
 }
 
 template <bool kMasked>

@@ -163,21 +163,21 @@ ACMP_HOST_DEVICE inline void MatchPairs(const ComparedPixel<Sampler, SingleThrea
   const MatchContext<Sampler>& context = match.context;
   const ReferencePatch& patch = match.scratch->patch;
   Vec3f duals[kMaxHypotheses];
-  PlaneWarp warps[kMaxHypotheses];
-  bool compare[kMaxHypotheses];
   float cost[kMaxHypotheses];
+  PlaneWarp warps[kMaxHypotheses];  // of the windows that have to be compared
+  int compared[kMaxHypotheses];     // whose they are
   WindowSums sums[kMaxHypotheses];
   for (int i = 0; i < count; ++i) duals[i] = PlaneDual(context, match.scratch->planes[plane_of(i)]);
   for (int k = 0; k < num_views; ++k) {
     const int view = view_of(k);
+    int windows = 0;
     for (int i = 0; i < count; ++i) {
-      compare[i] = PrepareWindow(context, patch, duals[i], match.col, match.row, view, &warps[i], &cost[i]);
+      compared[windows] = i;
+      windows += PrepareWindow(context, patch, duals[i], match.col, match.row, view, &warps[windows], &cost[i]) ? 1 : 0;
     }
-    for (int i = 0; i < count; ++i) {
-      if (compare[i]) sums[i] = SumWindow(context.sampler, view, warps[i], patch);
-    }
-    for (int i = 0; i < count; ++i)
-      store(plane_of(i), view, compare[i] ? Sampler::Cost::Of(sums[i], patch, context.options) : cost[i]);
+    SumWindowsOfView(context.sampler, view, warps, windows, patch, sums);
+    for (int i = 0; i < windows; ++i) cost[compared[i]] = Sampler::Cost::Of(sums[i], patch, context.options);
+    for (int i = 0; i < count; ++i) store(plane_of(i), view, cost[i]);
   }
 }
 

@@ -184,6 +184,13 @@ ACMP_HOST_DEVICE inline WindowSums SumWindow(const Sampler& sampler, int view, c
   return sums;
 }
 
+/// SumWindow of several windows in one view. Samplers may overload it, too.
+template <class Sampler>
+ACMP_HOST_DEVICE inline void SumWindowsOfView(const Sampler& sampler, int view, const PlaneWarp* warps, int count,
+                                              const ReferencePatch& patch, WindowSums* sums) {
+  for (int i = 0; i < count; ++i) sums[i] = SumWindow(sampler, view, warps[i], patch);
+}
+
 /// Whether the window has to be compared: then `warp` says where; else `cost` is the answer. Worst where the plane's
 /// point lies behind the source camera or projects outside its image, and where the window reaches what the source's
 /// mask ignores.
