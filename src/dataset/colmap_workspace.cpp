@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <locale>
@@ -17,6 +18,8 @@
 
 namespace acmp {
 namespace {
+
+constexpr std::array<const char*, 3> kModelFiles = {"cameras.bin", "points3D.bin", "images.bin"};
 
 constexpr int32_t kPinholeModel = 1;      // COLMAP's CAMERA_MODEL_ID of PINHOLE
 constexpr int32_t kFisheyeModel = 5;      // and of OPENCV_FISHEYE
@@ -186,11 +189,22 @@ void CheckColmapName(const std::string& name) {
   const std::filesystem::path path(name);
   const bool forbidden = name.empty() || name[0] == '#' || name.find_first_of(" \t\r\n,") != std::string::npos;
   const bool leaves = path.is_absolute() || path.lexically_normal().string() != name || *path.begin() == "..";
-  if (forbidden || leaves) {
+  // What files of it are named after it besides must fit into the 255 bytes that file systems give a name.
+  constexpr size_t kMaxBytes = 220;
+  const bool is_long =
+      std::any_of(path.begin(), path.end(), [](const auto& part) { return part.native().size() > kMaxBytes; });
+  if (forbidden || leaves || is_long) {
     throw InvalidInputError(Concat("image name \"", name,
                                    "\": cannot be kept in a COLMAP workspace: must be relative, ",
-                                   "without spaces, commas, a leading #, \".\" and \"..\""));
+                                   "without spaces, commas, a leading #, \".\" and \"..\", and with at most ",
+                                   kMaxBytes, " bytes between slashes"));
   }
+}
+
+std::set<std::string> ColmapModelFiles() {
+  std::set<std::string> names;
+  for (const char* name : kModelFiles) names.insert({Concat("sparse/0/", name), Concat("sparse/", name)});
+  return names;
 }
 
 void WriteColmapModel(const std::filesystem::path& workspace, const std::vector<ColmapModelImage>& images,
@@ -202,7 +216,7 @@ void WriteColmapModel(const std::filesystem::path& workspace, const std::vector<
   WriteCameras(folder / "cameras.bin", cameras);
   const auto features = WritePoints(folder / "points3D.bin", images, cameras, camera_of, points);
   WriteImages(folder / "images.bin", images, camera_of, features);
-  for (const char* name : {"cameras.bin", "points3D.bin", "images.bin"}) LinkFromAbove(folder / name);
+  for (const char* name : kModelFiles) LinkFromAbove(folder / name);
 }
 
 void WriteColmapLists(const std::filesystem::path& stereo_folder, const std::vector<std::string>& names,

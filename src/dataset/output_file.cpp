@@ -17,9 +17,6 @@
 
 namespace acmp {
 
-namespace {
-
-/// Waits until the folder of a file has its name on the disk. A file system that cannot do that has done what it can.
 void SyncEntries(const std::filesystem::path& path) {
   const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
   const int descriptor = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
@@ -30,8 +27,6 @@ void SyncEntries(const std::filesystem::path& path) {
   if (synced || reason == EACCES || reason == EINVAL) return;
   throw ProcessingError(Concat("cannot write to ", folder.string(), ": ", std::strerror(reason)));
 }
-
-}  // namespace
 
 void CheckFolderOf(const std::filesystem::path& path) {
   const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
@@ -55,7 +50,7 @@ AtomicFile::AtomicFile(const std::filesystem::path& path, Durability durability)
   for (int others = 0; !file_ || !LockTemporary(); ++others) {
     temporary_path_ = path;
     if (others > 0) temporary_path_ += "." + std::to_string(others);
-    temporary_path_ += ".partial";
+    temporary_path_ += kTemporarySuffix;
     // Not blocking: a pipe in its place would be waited for, until somebody reads it.
     const int descriptor =
         open(temporary_path_.c_str(), O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC | O_NONBLOCK, 0666);
@@ -69,12 +64,14 @@ AtomicFile::AtomicFile(const std::filesystem::path& path, Durability durability)
   if (ftruncate(fileno(file_.get()), 0) != 0) Fail("cannot write");
 }
 
-/// False if another writes to the temporary file, or did so and gave it its final name before it was locked.
+/// False if another writes to the temporary file, or did so and gave it its final name before it was locked, and for
+/// what is no file with this name alone.
 bool AtomicFile::LockTemporary() const {
   if (flock(fileno(file_.get()), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) return false;
   struct stat opened = {}, named = {};
   return fstat(fileno(file_.get()), &opened) == 0 && lstat(temporary_path_.c_str(), &named) == 0 &&
-         opened.st_ino == named.st_ino && opened.st_dev == named.st_dev;
+         opened.st_ino == named.st_ino && opened.st_dev == named.st_dev && S_ISREG(opened.st_mode) &&
+         opened.st_nlink == 1;
 }
 
 AtomicFile::~AtomicFile() {
@@ -144,34 +141,6 @@ void WriteFileAtomically(const std::filesystem::path& path, const std::string& c
   AtomicFile file(path, durability);
   file.Write(content);
   file.Commit();
-}
-
-AtomicFolder::AtomicFolder(const std::filesystem::path& path) : path_(path), temporary_path_(path) {
-  CheckFolderOf(path);
-  temporary_path_ += ".partial";
-  std::error_code ignored;  // what cannot be removed cannot be written to either
-  std::filesystem::remove_all(temporary_path_, ignored);
-  MakeFolder(temporary_path_);
-}
-
-AtomicFolder::~AtomicFolder() {
-  std::error_code ignored;
-  std::filesystem::remove_all(temporary_path_, ignored);
-}
-
-void AtomicFolder::Commit() {
-  SyncFolder(temporary_path_);
-  // Where there is a folder of that name, it gets the temporary one, which the destructor removes.
-  if (renameat2(AT_FDCWD, temporary_path_.c_str(), AT_FDCWD, path_.c_str(), RENAME_EXCHANGE) != 0) {
-    std::error_code error(errno, std::system_category());
-    const bool cannot_exchange = error == std::errc::invalid_argument || error == std::errc::function_not_supported;
-    if (cannot_exchange) std::filesystem::remove_all(path_, error);
-    if (cannot_exchange ? !error : error == std::errc::no_such_file_or_directory) {
-      std::filesystem::rename(temporary_path_, path_, error);
-    }
-    if (error) throw ProcessingError(Concat("cannot write ", path_.string(), ": ", error.message()));
-  }
-  SyncEntries(path_);
 }
 
 std::ostringstream MakeTextFile(int digits) {

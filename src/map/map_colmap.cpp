@@ -9,6 +9,7 @@
 #include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/colmap_workspace.h"
+#include "acmp_mapping/dataset/folder_record.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/fusion/voxel_map.h"
 #include "acmp_mapping/map/map_writer.h"
@@ -36,26 +37,12 @@ std::string ImageNameOf(const PlacedKeyframe& keyframe, std::set<std::string>* n
 }
 
 /// What the keyframe's camera sees of its points.
-DepthMap DepthOf(const PlacedKeyframe& keyframe, const PosedCamera& camera, double voxel_size) {
+SurfaceMaps SeenBy(const PlacedKeyframe& keyframe, const PosedCamera& camera, double voxel_size) {
   const double spacing = keyframe.scale * PointSpacing(*keyframe.points_in_camera, voxel_size);
-  return SplatPoints(Scaled(*keyframe.points_in_camera, keyframe.scale), camera, spacing).depth;
+  return SplatPoints(Scaled(*keyframe.points_in_camera, keyframe.scale), camera, spacing);
 }
 
 }  // namespace
-
-void CheckColmapFolder(const fs::path& path) {
-  std::error_code ignored;  // where it cannot be told, writing says why
-  if (!fs::exists(fs::symlink_status(path, ignored))) return;
-  const auto refuse = [&](const std::string& why) {
-    throw InvalidInputError(
-        Concat("path = \"", path.string(), "\": is not replaced, as it ", why, ": remove it, or choose another name"));
-  };
-  if (!fs::exists(path / "sparse/0/images.bin", ignored)) refuse("is no folder with a COLMAP model");
-  for (const fs::directory_entry& entry : fs::directory_iterator(path)) {
-    const std::string name = entry.path().filename().string();
-    if (name != "images" && name != "sparse") refuse("has more than a model: " + name);
-  }
-}
 
 ColmapFolder WriteColmapFolder(const fs::path& path, const PlacedKeyframes& map, const std::function<void()>& check) {
   if (map.keyframes.empty()) throw InvalidInputError("the map is empty: nothing was written");
@@ -77,19 +64,24 @@ ColmapFolder WriteColmapFolder(const fs::path& path, const PlacedKeyframes& map,
   }
   std::stable_sort(keyframes.begin(), keyframes.end(),
                    [](const PlacedKeyframe* a, const PlacedKeyframe* b) { return a->stamp_ns < b->stamp_ns; });
-  CheckColmapFolder(path);
-  AtomicFolder folder(path);
+  std::set<std::string> names, files = ColmapModelFiles();
+  std::vector<std::string> image_names;
+  for (const PlacedKeyframe* keyframe : keyframes) {
+    image_names.push_back(ImageNameOf(*keyframe, &names));
+    files.insert("images/" + image_names.back());
+  }
+  AtomicFolder folder(path, files);
   MakeFolder(folder.temporary_path() / "images");
   ColmapPoints points(CloudOf(map).points);
   std::vector<ColmapModelImage> images;
-  std::set<std::string> names;
   for (const PlacedKeyframe* keyframe : keyframes) {
     check();
     const RigidTransform cam_from_world = keyframe->world_from_cam.inverse();
     const PosedCamera camera = {keyframe->camera, cam_from_world};
-    points.AddImage(images.size(), camera, DepthOf(*keyframe, camera, map.voxel_size));
-    images.push_back({static_cast<int>(images.size() + 1), ImageNameOf(*keyframe, &names), keyframe->image->camera(),
-                      cam_from_world});
+    const SurfaceMaps seen = SeenBy(*keyframe, camera, map.voxel_size);
+    points.AddImage(images.size(), seen.camera, seen.depth);
+    images.push_back(
+        {static_cast<int>(images.size() + 1), image_names[images.size()], keyframe->image->camera(), cam_from_world});
     WriteFileAtomically(folder.temporary_path() / "images" / images.back().name, keyframe->image->Read());
   }
   const std::vector<ColmapModelPoint> seen = points.Take();

@@ -39,6 +39,17 @@ std::filesystem::path DepthFileOf(const ReconstructRun& run, const std::string& 
 
 }  // namespace
 
+std::set<std::string> ColmapFilesOf(const ReconstructRun& run) {
+  std::set<std::string> names = {"colmap/stereo/fusion.cfg", "colmap/stereo/patch-match.cfg", "colmap/origin.txt"};
+  for (const std::string& name : ColmapModelFiles()) names.insert("colmap/" + name);
+  for (int index : run.plan.WithMap()) {
+    const std::string& name = run.scene.images[index].name;
+    names.insert({"colmap/images/" + name, "colmap/stereo/depth_maps/" + name + ".geometric.bin",
+                  "colmap/stereo/normal_maps/" + name + ".geometric.bin"});
+  }
+  return names;
+}
+
 void WriteColmapMaps(const ReconstructRun& run, int index, const FinalMaps& maps) {
   DepthMap measured_depth = maps.depth.Clone();
   NormalMap measured_normal = maps.normal.Clone();

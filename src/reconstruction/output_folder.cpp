@@ -4,17 +4,14 @@
 #include <sys/file.h>
 #include <unistd.h>
 
-#include <array>
 #include <cerrno>
 #include <cstdint>
 #include <cstring>
-#include <fstream>
-#include <map>
 #include <regex>
-#include <sstream>
 
 #include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/folder_record.h"
 #include "acmp_mapping/dataset/output_file.h"
 
 namespace acmp {
@@ -23,21 +20,12 @@ namespace {
 constexpr const char* kRecordName = "run.txt";
 constexpr const char* kRecordTitle = "# settings of the run that made this folder\n";
 constexpr const char* kLockName = ".lock";
-constexpr const char* kListName = "files.txt";
-constexpr const char* kTemporarySuffix = ".partial";  // of AtomicFile
 constexpr const char* kWorkName = "work";
-constexpr std::array<const char*, 10> kResults = {"depth",  "normal",    "cost",  "confidence",  "pictures",
-                                                  "colmap", "fused.ply", "tiles", "cameras.txt", "camera.yaml"};
 
 std::string Format(const RunRecord& record) {
   std::string text = kRecordTitle;
   for (const auto& [key, value] : record) text += Concat(key, " = ", value, "\n");
   return text;
-}
-
-std::string ReadText(const std::filesystem::path& path) {
-  std::ifstream stream(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
 }
 
 RunRecord Parse(const std::string& text) {
@@ -73,16 +61,12 @@ bool IsOurTrace(const std::string& name) {
   return name == kLockName || name == std::string(kRecordName) + kTemporarySuffix;
 }
 
-/// Whether a run writes files of that name into a folder of its results: 000012.pfm, 000012_depth.png, 3_-4_0.ply.
-bool IsOurResult(const std::filesystem::path& folder, std::string name) {
-  if (name == "index.json") return folder.filename() == "tiles";
-  const std::string suffix = kTemporarySuffix;
-  if (name.size() > suffix.size() && name.compare(name.size() - suffix.size(), suffix.size(), suffix) == 0) {
-    name.resize(name.size() - suffix.size());
-    if (name == "index.json") return folder.filename() == "tiles";
-  }
-  static const std::regex image("[0-9]{6}(_[a-z]+)?\\.(pfm|png|dmb)"), tile("-?[0-9]+_-?[0-9]+_-?[0-9]+\\.ply");
-  return std::regex_match(name, folder.filename() == "tiles" ? tile : image);
+/// Whether a run writes a work file of that name: step_0/000012.bin, tiles_3kdF81/0_-1_2.bin.
+bool IsWorkFile(const std::string& name) {
+  static const std::regex pattern(
+      "[a-z_0-9]+/[0-9]{6}\\.bin((\\.[0-9]+)?\\.acmp\\.partial|\\.lock)?|"
+      "tiles_[A-Za-z0-9]{6}/-?[0-9]+_-?[0-9]+_-?[0-9]+\\.bin");
+  return std::regex_match(name, pattern);
 }
 
 /// Name of an entry that a run did not make itself before it wrote its record; empty when there is none.
@@ -96,20 +80,18 @@ std::string ForeignEntry(const std::filesystem::path& folder) {
 
 void Remove(const std::filesystem::path& path) {
   std::error_code error;
-  std::filesystem::remove_all(path, error);
+  std::filesystem::remove(path, error);
   if (error) throw ProcessingError(Concat("cannot remove ", path.string(), ": ", error.message()));
 }
 
-/// A file, or of a folder what a run writes there: what others have put beside it stays.
-void RemoveResult(const std::filesystem::path& path) {
-  if (!std::filesystem::is_directory(std::filesystem::symlink_status(path)) || path.filename() == "colmap") {
-    return Remove(path);
-  }
-  for (const auto& entry : std::filesystem::directory_iterator(path)) {
-    if (IsOurResult(path, entry.path().filename().string())) Remove(entry.path());
-  }
-  std::error_code not_empty;
-  std::filesystem::remove(path, not_empty);
+/// Links and pipes in place of what a run reads or writes would lead elsewhere, or wait for ever.
+void CheckIsFolderOrFile(const std::filesystem::path& path, std::filesystem::file_type wanted) {
+  std::error_code ignored;
+  const std::filesystem::file_status status = std::filesystem::symlink_status(path, ignored);
+  if (!std::filesystem::exists(status) || status.type() == wanted) return;
+  throw InvalidInputError(Concat(path.string(), ": is no ",
+                                 wanted == std::filesystem::file_type::directory ? "folder" : "regular file",
+                                 " of a run: remove it"));
 }
 
 }  // namespace
@@ -119,7 +101,7 @@ OutputFolder::OutputFolder(const std::filesystem::path& path, const RunRecord& r
   MakeFolder(path_);
   Lock(use == Use::kStages && !overwrite);
   try {
-    TakeOver(record, overwrite);
+    TakeOver(record, overwrite, use == Use::kStages);
   } catch (...) {
     close(lock_);
     throw;
@@ -129,11 +111,11 @@ OutputFolder::OutputFolder(const std::filesystem::path& path, const RunRecord& r
 OutputFolder::~OutputFolder() { close(lock_); }
 
 bool OutputFolder::Exists(const std::filesystem::path& path) {
-  return ReadText(path / kRecordName).rfind(kRecordTitle, 0) == 0;
+  return ReadOwnFile(path / kRecordName).rfind(kRecordTitle, 0) == 0;
 }
 
 std::string OutputFolder::Setting(const std::string& key) const {
-  return ValueOf(Parse(ReadText(path_ / kRecordName)), key);
+  return ValueOf(Parse(ReadOwnFile(path_ / kRecordName)), key);
 }
 
 void OutputFolder::Rewrite(const RunRecord& record) const {
@@ -142,7 +124,8 @@ void OutputFolder::Rewrite(const RunRecord& record) const {
 
 void OutputFolder::Lock(bool shared) {
   const auto path = path_ / kLockName;
-  lock_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  CheckIsFolderOrFile(path, std::filesystem::file_type::regular);
+  lock_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);
   if (lock_ < 0) throw ProcessingError(Concat("cannot create ", path.string(), ": ", std::strerror(errno)));
   if (flock(lock_, (shared ? LOCK_SH : LOCK_EX) | LOCK_NB) == 0) return;
   const int reason = errno;
@@ -151,7 +134,7 @@ void OutputFolder::Lock(bool shared) {
   throw InvalidInputError(Concat(path_.string(), ": another run is writing to this folder right now"));
 }
 
-void OutputFolder::TakeOver(const RunRecord& record, bool overwrite) {
+void OutputFolder::TakeOver(const RunRecord& record, bool overwrite, bool many) {
   const auto record_path = path_ / kRecordName;
   const std::string text = Format(record);
   const bool is_ours = Exists(path_);
@@ -164,12 +147,15 @@ void OutputFolder::TakeOver(const RunRecord& record, bool overwrite) {
     WriteFileAtomically(record_path, text, Durability::kPowerCut);
     return;
   }
+  CheckIsFolderOrFile(path_ / kWorkName, std::filesystem::file_type::directory);
+  CheckIsFolderOrFile(SummaryFile(), std::filesystem::file_type::regular);
+  if (!many || overwrite) FolderRecord(path_).CheckUnchanged();  // not with each of a thousand stages
   if (overwrite) {
     RemoveResults();
     WriteFileAtomically(record_path, text, Durability::kPowerCut);
     return;
   }
-  const std::string differences = DescribeDifferences(Parse(ReadText(record_path)), record);
+  const std::string differences = DescribeDifferences(Parse(ReadOwnFile(record_path)), record);
   if (!differences.empty()) {
     throw InvalidInputError(Concat(path_.string(), ": holds a run with other settings (", differences,
                                    "): give --overwrite to start afresh, or another folder"));
@@ -180,57 +166,33 @@ void OutputFolder::TakeOver(const RunRecord& record, bool overwrite) {
   if (!losses_.empty()) Remove(SummaryFile());
 }
 
-void OutputFolder::WriteFileList() const {
-  std::map<std::string, uintmax_t> bytes;  // of each file
-  const auto add = [&](const std::filesystem::path& path) {
-    const std::string name = std::filesystem::relative(path, path_).string();
-    if (std::filesystem::is_regular_file(path) && path.extension() != kTemporarySuffix) {
-      bytes[name] = std::filesystem::file_size(path);
-    }
-  };
-  for (const char* name : kResults) {
-    const std::filesystem::path result = path_ / name;
-    add(result);
-    if (!std::filesystem::is_directory(result)) continue;
-    for (const auto& entry : std::filesystem::recursive_directory_iterator(result)) add(entry.path());
-  }
-  std::string text = "# bytes and name of each file of the finished run\n";
-  for (const auto& [name, size] : bytes) text += Concat(size, " ", name, "\n");
-  WriteFileAtomically(path_ / kListName, text, Durability::kPowerCut);
-}
+void OutputFolder::Claim(const std::set<std::string>& names) const { FolderRecord(path_).Claim(names); }
+
+void OutputFolder::WriteFileList() const { FolderRecord(path_).NoteBytes(); }
 
 std::string OutputFolder::Losses() const {
-  std::ifstream list(path_ / kListName, std::ios::binary);
-  if (!list) return Concat(kListName, ", which lists the files, is missing");
-  size_t files = 0, lost = 0;
-  std::string first, line;
-  std::getline(list, line);  // the comment
-  while (std::getline(list, line)) {
-    std::istringstream words(line);
-    words.imbue(std::locale::classic());
-    uintmax_t listed = 0;
-    std::string name;
-    if (!(words >> listed) || words.get() != ' ' || !std::getline(words, name)) {
-      return Concat(kListName, ", which lists the files, is damaged: \"", line, "\"");
-    }
-    ++files;
+  const FolderRecord record(path_);
+  if (record.files().empty()) return Concat(FolderRecord::kName, ", which lists the files, is missing or empty");
+  size_t lost = 0;
+  std::string first;
+  for (const auto& [name, listed] : record.files()) {
     std::error_code error;
     const uintmax_t bytes = std::filesystem::file_size(path_ / name, error);
-    if (!error && bytes == listed) continue;
-    if (lost++ == 0)
-      first = error ? Concat(name, " is missing") : Concat(name, " has ", bytes, " of ", listed, " bytes");
+    if (!error && listed && bytes == *listed) continue;
+    if (lost++ > 0) continue;
+    first = error ? Concat(name, " is missing") : Concat(name, " has ", bytes, " of ", listed.value_or(0), " bytes");
   }
-  if (files == 0) return Concat(kListName, ", which lists the files, is empty");
   return lost == 0 ? ""
-                   : Concat(lost, " of ", files, " files are missing or have another size: ", first,
+                   : Concat(lost, " of ", record.files().size(), " files are missing or have another size: ", first,
                             lost > 1 ? " and so on" : "");
 }
 
 void OutputFolder::RemoveResults() const {
   // The summary first: a folder without it never counts as complete.
   Remove(SummaryFile());
-  for (const char* name : kResults) RemoveResult(path_ / name);
-  for (const char* name : {kListName, kWorkName}) Remove(path_ / name);
+  FolderRecord(path_).RemoveFiles();
+  Remove(path_ / FolderRecord::kName);
+  RemoveWork();
 }
 
 void OutputFolder::StartAfresh() {
@@ -249,7 +211,20 @@ std::filesystem::path OutputFolder::MakeWorkFolder(const std::string& kind) cons
   return name;
 }
 
-void OutputFolder::RemoveWork() const { Remove(path_ / kWorkName); }
+void OutputFolder::RemoveWork() const {
+  const std::filesystem::path work = path_ / kWorkName;
+  std::error_code ignored;
+  if (!std::filesystem::is_directory(std::filesystem::symlink_status(work, ignored))) return;
+  for (const auto& folder : std::filesystem::directory_iterator(work)) {
+    if (!std::filesystem::is_directory(folder.symlink_status())) continue;
+    for (const auto& file : std::filesystem::directory_iterator(folder)) {
+      const bool is_file = std::filesystem::is_regular_file(file.symlink_status());
+      if (is_file && IsWorkFile(file.path().lexically_relative(work).string())) Remove(file.path());
+    }
+    std::filesystem::remove(folder, ignored);  // where nothing of others is in it
+  }
+  std::filesystem::remove(work, ignored);
+}
 
 std::filesystem::path OutputFolder::MapFile(const std::string& kind, int index, const std::string& suffix) const {
   return path_ / kind / (StringPrintf("%06d", index) + suffix);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -45,6 +46,9 @@ class OutputFolder {
   State state() const { return state_; }
   /// Which files a finished run lacks now, or that are shorter or longer: then it counts as kStarted. Empty: none.
   const std::string& losses() const { return losses_; }
+  /// Says which files the run is to write, by their names in the folder, before the first of them: nothing else is ever
+  /// removed. Throws as FolderRecord.
+  void Claim(const std::set<std::string>& names) const;
   /// Lists the results with their sizes. A run without the list is not complete.
   void WriteFileList() const;
   const std::filesystem::path& path() const { return path_; }
@@ -62,7 +66,7 @@ class OutputFolder {
 
  private:
   void Lock(bool shared);
-  void TakeOver(const RunRecord& record, bool overwrite);
+  void TakeOver(const RunRecord& record, bool overwrite, bool many);
   void RemoveResults() const;
   std::string Losses() const;
 

@@ -28,11 +28,19 @@ bool Writes(const ReconstructOptions& options, const std::string& kind) {
 /// a record of each image whose files it has written, and none that has one is written again.
 class ImageFiles {
  public:
-  /// Makes the folders. @param run not null, with a folder; outlives this
+  /// Claims the files and makes the folders. @param run not null, with a folder; outlives this
   explicit ImageFiles(ReconstructRun* run)
       : run_(*run),
         writes_any_(run->options.colmap || !run->options.maps.empty()),
         room_(run->devices.on_host() ? 0 : static_cast<int64_t>(run->options.MemoryBytes(run->options.kMapShare))) {
+    std::set<std::string> names = run_.options.colmap ? ColmapFilesOf(run_) : std::set<std::string>();
+    for (int index : run_.plan.WithMap()) {
+      for (const File& file : FilesOf(index, {}, nullptr)) {
+        names.insert(file.path.lexically_relative(run_.folder->path()).string());
+      }
+    }
+    names.insert({"cameras.txt", run_.options.tile_size ? "tiles/index.json" : "fused.ply"});
+    run_.folder->Claim(names);
     for (const std::string& kind : run_.options.maps) MakeFolder(run_.folder->path() / kind);
     if (!run_.options.no_pictures && !run_.options.maps.empty()) MakeFolder(run_.folder->path() / "pictures");
   }

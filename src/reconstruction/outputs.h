@@ -20,6 +20,9 @@ namespace acmp {
 // OUTPUT/colmap, COLMAP's dense workspace with the maps of a run, for programs that fuse or mesh it. Images keep their
 // names, and their folders below images/, depth_maps/ and normal_maps/.
 
+/// All files of the COLMAP workspace, by name in OUTPUT.
+std::set<std::string> ColmapFilesOf(const ReconstructRun& run);
+
 /// Depth and normals where they were measured: pixels of kUnverifiedCost or worse have at most planes from around them,
 /// and a program that fuses the maps would take them for what a camera saw.
 void WriteColmapMaps(const ReconstructRun& run, int index, const FinalMaps& maps);

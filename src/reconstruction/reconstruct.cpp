@@ -127,6 +127,7 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   }
   if (folder.state() == OutputFolder::State::kStarted && options.online()) folder.StartAfresh();
   if (lens) {
+    folder.Claim({"camera.yaml"});
     WriteCalibration(
         folder.path() / "camera.yaml", *lens,
         "The camera of the images with the distortion that its calibration has left, as --refine-poses found it");

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <type_traits>
 
@@ -89,6 +90,9 @@ void TiledCloud::WriteTile(const TileNumber& number, const Tile& tile) const {
 }
 
 void TiledCloud::Commit(const StopRequest& interrupt) {
+  std::set<std::string> names;
+  for (const auto& [number, tile] : tiles_) names.insert(Concat("tiles/", TileName(number), ".ply"));
+  folder_.Claim(names);
   MakeFolder(tiles_folder_);
   for (const auto& [number, tile] : tiles_) {
     interrupt.Check();

@@ -167,7 +167,7 @@ TEST_F(RecordSceneTest, ATruncatedImageLeavesNoBag) {
               }),
               HasSubstr("1.png"));
   EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag"));
-  EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag.partial"));
+  EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag.acmp.partial"));
 }
 
 TEST(ToCameraInfo, NamesTheDistortionAsTheMapperReadsIt) {

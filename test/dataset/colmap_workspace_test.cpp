@@ -111,6 +111,8 @@ TEST(ColmapNames, OnlyThoseThatTheFilesCanHold) {
        {"", "a b.png", "a,b.png", "a\tb", "#a.png", "/a.png", "../a.png", "a/../b.png", "./a.png", "a//b.png", ".."}) {
     EXPECT_REFUSED(CheckColmapName(bad), Concat("\"", bad, "\""));
   }
+  EXPECT_NO_THROW(CheckColmapName("a/" + std::string(220, 'n')));
+  EXPECT_REFUSED(CheckColmapName(std::string(221, 'n')), "at most 220 bytes");
 }
 
 }  // namespace

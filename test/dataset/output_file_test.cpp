@@ -4,6 +4,7 @@
 #include <thread>
 #include <vector>
 
+#include "acmp_mapping/dataset/folder_record.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "dataset/test_folder.h"
 #include "support/error_text.h"
@@ -52,24 +53,90 @@ TEST_F(OutputFileTest, APowerCutLeavesTheOldFileOrTheNewOne) {
 TEST_F(OutputFileTest, AFolderIsWholeOrAbsentAndReplacesTheOldOne) {
   const std::filesystem::path path = folder() / "model";
   const auto write = [&](const std::string& content, bool commit) {
-    AtomicFolder made(path);
+    AtomicFolder made(path, {content});
     WriteFileAtomically(made.temporary_path() / content, content);
     EXPECT_FALSE(std::filesystem::exists(path / content));
     if (commit) made.Commit();
   };
   write("first", false);
   EXPECT_EQ(CountFiles(folder()), 0u);
-  WriteText("model.partial/left_by_a_killed_process", "");
+  WriteText(std::string("model.acmp.partial/") + FolderRecord::kName, "- left_by_a_killed_process\n");
+  WriteText("model.acmp.partial/left_by_a_killed_process", "");
   write("first", true);
-  EXPECT_EQ(CountFiles(path), 1u);
+  EXPECT_EQ(CountFiles(path), 2u);
   write("second", false);
   EXPECT_EQ(ReadText(path / "first"), "first");
   write("second", true);
   EXPECT_EQ(ReadText(path / "second"), "second");
-  EXPECT_EQ(CountFiles(path), 1u);
+  EXPECT_EQ(CountFiles(path), 2u);
   EXPECT_EQ(CountFiles(folder()), 1u);
-  EXPECT_REFUSED(AtomicFolder(folder() / "none/model"), "there is no folder");
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { AtomicFolder("/proc/model"); }), HasSubstr("/proc/model.partial"));
+  EXPECT_REFUSED(AtomicFolder(folder() / "none/model", {}), "there is no folder");
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { AtomicFolder("/proc/model", {}); }),
+              HasSubstr("/proc/model.acmp.partial"));
+}
+
+TEST_F(OutputFileTest, NothingForeignInAFolderGoes) {
+  const std::filesystem::path path = folder() / "model", other = folder() / "elsewhere";
+  const auto make = [&] {
+    AtomicFolder made(path, {"a/1"});
+    MakeFolder(made.temporary_path() / "a");
+    WriteFileAtomically(made.temporary_path() / "a/1", "1");
+    made.Commit();
+  };
+  WriteText("model/photo.raw", "precious");
+  EXPECT_REFUSED(make(), "photo.raw");
+  std::filesystem::rename(path, folder() / "model.acmp.partial");
+  EXPECT_REFUSED(make(), "photo.raw");
+  EXPECT_EQ(ReadText(folder() / "model.acmp.partial/photo.raw"), "precious");
+  std::filesystem::rename(folder() / "model.acmp.partial", other);
+  make();
+  make();
+  std::filesystem::create_directory_symlink(other, path / "a/linked");
+  EXPECT_REFUSED(make(), "a/linked");
+  std::filesystem::remove(path / "a/linked");
+  std::filesystem::remove(path / "a/1");
+  std::filesystem::create_symlink(other / "photo.raw", path / "a/1");
+  EXPECT_REFUSED(make(), "a/1");
+  std::filesystem::remove(path / "a/1");
+  ASSERT_EQ(::mkfifo((path / "a/1").c_str(), 0600), 0);
+  EXPECT_REFUSED(make(), "a/1");
+  std::filesystem::remove_all(path);
+  std::filesystem::create_directory_symlink(other, path);
+  EXPECT_REFUSED(make(), "model");
+  EXPECT_EQ(ReadText(other / "photo.raw"), "precious");
+}
+
+TEST_F(OutputFileTest, ARecordSaysWhoseFilesAre) {
+  WriteText("old", "theirs");
+  FolderRecord record(folder());
+  EXPECT_REFUSED(record.Claim({"old"}), "old was not written by this program");
+  record.Claim({"depth/1.pfm", "new"});
+  WriteText("depth/1.pfm", "ours");
+  WriteText("depth/2.pfm", "theirs");
+  WriteText("depth/1.pfm.acmp.partial", "of a killed process");
+  WriteText("depth/1.pfm.2.acmp.partial", "of another");
+  FolderRecord again(folder());
+  again.Claim({"depth/1.pfm", "more"});
+  EXPECT_EQ(again.files().size(), 3u);
+  again.NoteBytes();
+  EXPECT_THAT(FolderRecord(folder()).files(), ElementsAre(::testing::Pair("depth/1.pfm", std::optional<uintmax_t>(4))));
+  again.RemoveFiles();
+  EXPECT_EQ(CountFiles(folder() / "depth"), 1u);
+  EXPECT_EQ(ReadText(folder() / "depth/2.pfm"), "theirs");
+  EXPECT_EQ(ReadText(folder() / "old"), "theirs");
+  WriteText(FolderRecord::kName, "4 ../outside\n");
+  EXPECT_REFUSED(FolderRecord{folder()}, "is damaged");
+  std::filesystem::remove(folder() / FolderRecord::kName);
+  ASSERT_EQ(::mkfifo((folder() / FolderRecord::kName).c_str(), 0600), 0);
+  EXPECT_REFUSED(FolderRecord{folder()}, "must be a file");
+}
+
+TEST_F(OutputFileTest, AFileWithASecondNameIsNotWrittenTo) {
+  const auto other = WriteText("other", "precious");
+  std::filesystem::create_hard_link(other, folder() / "map.acmp.partial");
+  WriteFileAtomically(folder() / "map", "new");
+  EXPECT_EQ(ReadText(other), "precious");
+  EXPECT_EQ(ReadText(folder() / "map"), "new");
 }
 
 TEST_F(OutputFileTest, WhatTheSystemDoesNotTakeIsReported) {
@@ -102,7 +169,7 @@ TEST_F(OutputFileTest, ManyWritersAtOnceLeaveWholeFiles) {
 }
 
 TEST_F(OutputFileTest, WhatAKilledProcessLeftIsUsedAgain) {
-  WriteText("map.partial", "a longer text that was never finished");
+  WriteText("map.acmp.partial", "a longer text that was never finished");
   WriteFileAtomically(folder() / "map", "new");
   EXPECT_EQ(ReadText(folder() / "map"), "new");
   EXPECT_EQ(CountFiles(folder()), 1u);
@@ -110,14 +177,14 @@ TEST_F(OutputFileTest, WhatAKilledProcessLeftIsUsedAgain) {
 
 TEST_F(OutputFileTest, LinksInPlaceOfTheTemporaryFileAreNotFollowed) {
   const auto other = WriteText("other", "precious");
-  std::filesystem::create_symlink(other, folder() / "map.partial");
+  std::filesystem::create_symlink(other, folder() / "map.acmp.partial");
   EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteFileAtomically(folder() / "map", "x"); }),
-              HasSubstr("map.partial: Too many levels of symbolic links"));
+              HasSubstr("map.acmp.partial: Too many levels of symbolic links"));
   EXPECT_EQ(ReadText(other), "precious");
 }
 
 TEST_F(OutputFileTest, PipesAreNotWaitedFor) {
-  ASSERT_EQ(::mkfifo((folder() / "map.partial").c_str(), 0600), 0);
+  ASSERT_EQ(::mkfifo((folder() / "map.acmp.partial").c_str(), 0600), 0);
   EXPECT_THROW(WriteFileAtomically(folder() / "map", "new"), ProcessingError);
   ASSERT_EQ(::mkfifo((folder() / "mask.png").c_str(), 0600), 0);
   for (const std::filesystem::path& path : {folder() / "mask.png", std::filesystem::path("/dev/zero")}) {

@@ -1,5 +1,7 @@
 // Runs that were interrupted, failed or were changed go on, or are refused.
 
+#include <sys/stat.h>
+
 #include <algorithm>
 #include <filesystem>
 #include <string>
@@ -70,18 +72,69 @@ TEST_F(ResumeTest, ACompleteRunThatLostFilesIsMadeAgain) {
       EXPECT_THAT(out_.str(), HasSubstr("already complete"));
     };
     std::filesystem::remove(output() / "fused.ply");
-    expect_made_again("1 of 55 files are missing or have another size: fused.ply is missing; all is written again");
+    expect_made_again("1 of 58 files are missing or have another size: fused.ply is missing; all is written again");
     std::filesystem::resize_file(output() / "depth/000001.pfm", 100);
     std::filesystem::remove_all(output() / "pictures");
-    expect_made_again("17 of 55 files are missing or have another size: depth/000001.pfm has 100 of ");
+    expect_made_again("17 of 58 files are missing or have another size: depth/000001.pfm has 100 of ");
     std::filesystem::remove(output() / "colmap/stereo/depth_maps/00000003.png.geometric.bin");
-    expect_made_again("1 of 55 files are missing or have another size: colmap/stereo/depth_maps/00000003");
-    std::filesystem::resize_file(output() / "files.txt", 0);
-    expect_made_again("files.txt, which lists the files, is empty");
+    expect_made_again("1 of 58 files are missing or have another size: colmap/stereo/depth_maps/00000003");
     WriteText("out/files.txt", "# files\n12 a\nb\n");
-    expect_made_again("files.txt, which lists the files, is damaged: \"b\"");
+    EXPECT_THAT(Error(), HasSubstr("is damaged: \"b\""));
     std::filesystem::remove(output() / "files.txt");
-    expect_made_again("files.txt, which lists the files, is missing");
+    EXPECT_THAT(Error(), HasSubstr(" was not written by this program")) << "whose they are, nobody knows";
+    EXPECT_TRUE(std::filesystem::exists(output() / "depth/000001.pfm"));
+  }
+}
+
+TEST_F(ResumeTest, WhatOthersHavePutIntoTheFolderStays) {
+  options_.colmap = true;
+  Run(&fake_);
+  const std::vector<std::string> theirs = {"colmap/scene.mvs",    "colmap/fused.ply",  "colmap/images/me.jpg",
+                                           "depth/notes.txt",     "depth/999999.png",  "tiles/x.ply",
+                                           "work/thesis/one.txt", "work/step_0/a.bin", "depth/000777.png/inside"};
+  for (const std::string& name : theirs) WriteText("out/" + name, "precious");
+  const auto expect_kept = [&] {
+    for (const std::string& name : theirs) EXPECT_EQ(ReadText(output() / name), "precious") << name;
+  };
+  options_.overwrite = true;
+  Run(&fake_);
+  expect_kept();
+  options_.overwrite = false;
+  std::filesystem::remove(output() / "depth/000001.pfm");
+  Run(&fake_);
+  expect_kept();
+  WriteText("out/tiles/index.json", "precious");
+  options_.overwrite = true;
+  options_.tile_size = 8;
+  EXPECT_THAT(Error(), HasSubstr("tiles/index.json was not written by this program"));
+  EXPECT_EQ(ReadText(output() / "tiles/index.json"), "precious");
+}
+
+TEST_F(ResumeTest, LinksAndPipesInTheFolderAreRefused) {
+  Run(&fake_);
+  WriteText("elsewhere/000001.pfm", "precious");
+  for (const char* name : {"depth", "fused.ply", "work", "run.txt", "summary.json", "files.txt", ".lock"}) {
+    for (const bool pipe : {false, true}) {
+      SCOPED_TRACE(name);
+      const std::filesystem::path path = output() / name, away = output("away");
+      if (std::filesystem::exists(path)) std::filesystem::rename(path, away);
+      if (pipe) {
+        ASSERT_EQ(mkfifo(path.c_str(), 0600), 0);
+      } else {
+        std::filesystem::create_symlink(folder() / "elsewhere", path);
+      }
+      for (const bool overwrite : {false, true}) {
+        options_.overwrite = overwrite;
+        options_.seed = 7;  // not complete
+        EXPECT_FALSE(Error().empty());
+      }
+      EXPECT_EQ(ReadText(folder() / "elsewhere/000001.pfm"), "precious");
+      std::filesystem::remove(path);
+      if (std::filesystem::exists(away)) std::filesystem::rename(away, path);
+      options_.seed = 1;
+      options_.overwrite = true;
+      Run(&fake_);
+    }
   }
 }
 

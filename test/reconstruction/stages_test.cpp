@@ -171,11 +171,11 @@ TEST_F(StagesTest, WriteTheTilesOfARunAloneAlsoFarFromTheOrigin) {
   options_.tile_size = 0.5;
   FakeMatcher matcher;
   for (const Task& task : tasks) {
-    if (task.stage == "finish") WriteText("out/tiles/0_0_8.ply.partial", "cut");  // of one that was killed there
+    if (task.stage == "finish") WriteText("out/tiles/0_0_8.ply.acmp.partial", "cut");  // of one that was killed there
     Stage(task, &matcher);
   }
   EXPECT_THAT(out_.str(), HasSubstr(" tiles; took "));
-  std::filesystem::remove(output() / "tiles/0_0_8.ply.partial");
+  std::filesystem::remove(output() / "tiles/0_0_8.ply.acmp.partial");
   ExpectSameContents(output("alone"), output());
 }
 

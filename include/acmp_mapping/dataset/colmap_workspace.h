@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <filesystem>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -68,6 +69,9 @@ class ColmapPoints {
 /// Throws InvalidInputError unless COLMAP's text files can hold the image name and the file stays below images/: no
 /// spaces or commas, relative, without "." and "..".
 void CheckColmapName(const std::string& name);
+
+/// What WriteColmapModel writes, by name in the workspace.
+std::set<std::string> ColmapModelFiles();
 
 /// Writes sparse/0/{cameras,images,points3D}.bin of a workspace, with links to them in sparse/: what reads models finds
 /// them in one or the other. Equal cameras become one. A feature is where a point projects to; points that an

@@ -23,6 +23,9 @@ void CheckFolderOf(const std::filesystem::path& path);
 /// effect where that fails.
 void StartWriteback(const std::filesystem::path& path);
 
+/// Of the temporary names of AtomicFile and AtomicFolder, which nobody else gives to his own.
+constexpr char kTemporarySuffix[] = ".acmp.partial";
+
 /// A file that is either whole or absent: written under a temporary name beside the final one, renamed by Commit.
 /// Without a Commit the temporary file is removed and an earlier file of the final name stays as it was. Every failure
 /// (no space, not writable, too large) throws ProcessingError with the system's reason; a name that is not that of a
@@ -72,29 +75,11 @@ class AtomicFile {
 void WriteFileAtomically(const std::filesystem::path& path, const std::string& content,
                          Durability durability = Durability::kProcess);
 
-/// A folder that is either whole or absent: filled under a temporary name beside the final one, renamed by Commit.
-/// Without a Commit it is removed, and an earlier folder of the final name stays as it was. By one process at a time.
-/// Throws as AtomicFile.
-class AtomicFolder {
- public:
-  /// Makes the temporary folder; what a killed process has left there goes.
-  explicit AtomicFolder(const std::filesystem::path& path);
-  ~AtomicFolder();
-  AtomicFolder(const AtomicFolder&) = delete;
-  AtomicFolder& operator=(const AtomicFolder&) = delete;
-
-  const std::filesystem::path& temporary_path() const { return temporary_path_; }
-  /// Waits until all is on the disk. A folder that has the name goes, at once but where the file system cannot exchange
-  /// two names.
-  void Commit();
-
- private:
-  std::filesystem::path path_;
-  std::filesystem::path temporary_path_;
-};
-
 /// An empty text whose numbers get so many significant digits.
 std::ostringstream MakeTextFile(int digits);
+
+/// Waits until the folder of a file has its name on the disk. A file system that cannot do that has done what it can.
+void SyncEntries(const std::filesystem::path& path);
 
 /// Waits until everything written so far to the file system that holds the folder is on the disk.
 void SyncFolder(const std::filesystem::path& folder);

@@ -60,15 +60,11 @@ struct ColmapFolder {
   size_t without_points = 0;  ///< the same: the map has nothing of them, as their poses did not fit
 };
 
-/// Throws InvalidInputError unless a folder can be written there: what has that name must be a folder with a COLMAP
-/// model, as this writes it, and nothing else, as other programs' results.
-void CheckColmapFolder(const std::filesystem::path& path);
-
 /// Writes the keyframes that have an image as a COLMAP model, which splat trainers, nerfstudio, OpenMVS and COLMAP
 /// read: images/SECONDS_NANOSECONDS_MAPPER.jpg, sparse/0/*.bin (WriteColmapModel) with the poses in use and at most
 /// ColmapPoints::kMaxPoints points of the map. Coordinates are the map's local ones. The folder appears under its name
 /// only when it is whole and on the disk, in place of an earlier one. Throws InvalidInputError for an empty map, one
-/// without images, and a path as CheckColmapFolder does, ProcessingError with the system's reason when writing fails.
+/// without images, and a path as CheckFolderIsOurs does, ProcessingError with the system's reason when writing fails.
 /// @param check called before each keyframe; what it throws ends the work
 ColmapFolder WriteColmapFolder(
     const std::filesystem::path& path, const PlacedKeyframes& map, const std::function<void()>& check = [] {});
