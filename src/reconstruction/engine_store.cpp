@@ -152,7 +152,7 @@ void EngineStore::HasRead(const ImagePlan& image, int step) {
 void EngineStore::Forget(const Key& key) {
   for (Device& device : devices_) device.estimates.Drop(key);
   std::error_code ignored;  // what is left goes with the work folder
-  if (always_writes_ && !keeps_files_ && key.first != final_step_) std::filesystem::remove(FileOf(key), ignored);
+  if (!output_.empty() && !keeps_files_ && key.first != final_step_) std::filesystem::remove(FileOf(key), ignored);
   const std::lock_guard<std::mutex> lock(mutex_);
   in_memory_.erase(key);
   const auto found = on_device_.find(key);

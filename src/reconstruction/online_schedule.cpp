@@ -66,9 +66,10 @@ class OnlineSchedule {
       Try([&] { PlanOf(keyframe->frame->id).no_map = message; });
     };
     callbacks.on_drop = [this](const KeyframeDrop& drop) { Try([&] { Drop(drop); }); };
-    // A failed second estimate, with which the run would end in other maps.
-    callbacks.on_problem = [this](const std::string&, const std::string& message) {
-      Try([&] { throw ProcessingError(message); });
+    callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
+      // With a failed second estimate the run would end in other maps.
+      if (reason == "refine_again_failed") return Try([&] { throw ProcessingError(message); });
+      run_.progress.Warn(message);
     };
     return callbacks;
   }

@@ -3,7 +3,13 @@
 // All files are whole or absent and depend on the input alone, so that any of it may be done again, at the same time or
 // after a crash.
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <cerrno>
+#include <cstring>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -97,6 +103,25 @@ PlannedScene::PlannedScene(const ReconstructOptions& options)
   }
 }
 
+/// Of a file that is made for it, until it is destroyed: waits for other processes.
+class FileLock {
+ public:
+  explicit FileLock(const std::filesystem::path& path) {
+    MakeFolder(path.parent_path());
+    descriptor_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);
+    if (descriptor_ >= 0 && flock(descriptor_, LOCK_EX) == 0) return;
+    const int reason = errno;
+    if (descriptor_ >= 0) close(descriptor_);
+    throw ProcessingError(Concat("cannot lock ", path.string(), ": ", std::strerror(reason)));
+  }
+  ~FileLock() { close(descriptor_); }
+  FileLock(const FileLock&) = delete;
+  FileLock& operator=(const FileLock&) = delete;
+
+ private:
+  int descriptor_ = -1;
+};
+
 /// Does stages, one after the other. Devices, the plan and images are kept from one to the next: images within their
 /// share of the memory limit.
 class StageRunner {
@@ -181,7 +206,10 @@ class StageRunner {
   /// @param file has the name of the device that did the first stage
   /// @return that name
   std::string CheckDevice(const std::filesystem::path& file) const {
-    if (!ReadWorkFile(file)) WriteWorkFile(file, devices_->name());
+    {
+      const FileLock lock(file.string() + ".lock");  // of those that begin at once one is the first
+      if (!ReadWorkFile(file)) WriteWorkFile(file, devices_->name());
+    }
     std::string first = ReadWorkFile(file).value_or(devices_->name());
     if (DeviceModel(first) == DeviceModel(devices_->name())) return first;
     throw InvalidInputError(Concat("--device: the first stage was done by ", DeviceModel(first), ", and this is ",
