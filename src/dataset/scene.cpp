@@ -127,12 +127,13 @@ const PinholeCamera& FileCamera(const SceneImage& image) { return image.face ? i
 std::shared_ptr<const Rectifier> RectifierOf(const SceneImage& image) {
   static std::mutex mutex;
   static std::deque<std::shared_ptr<const Rectifier>> newest;
-  constexpr size_t kPixels = 100'000'000;  // each has 6 bytes per pixel
+  constexpr size_t kPixels = 20'000'000;  // each has 6 bytes per pixel, beside what options bound
   const Lens lens(FileCamera(image), image.distortion, image.field_of_view);
   const PinholeFace face = {"", image.camera, image.face ? image.face->lens_from_face : Eigen::Matrix3d::Identity()};
+  if (!(image.readout == ReadoutMotion())) return std::make_shared<Rectifier>(lens, face, image.readout);  // its own
   const std::lock_guard<std::mutex> lock(mutex);
   for (const auto& known : newest) {
-    if (known->lens() == lens && known->face() == face && known->readout() == image.readout) return known;
+    if (known->lens() == lens && known->face() == face) return known;
   }
   newest.push_back(std::make_shared<Rectifier>(lens, face, image.readout));
   const auto add = [](size_t sum, const auto& known) {

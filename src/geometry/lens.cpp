@@ -134,7 +134,9 @@ std::optional<Eigen::Vector2d> Lens::Project(const Eigen::Vector3d& ray) const {
 }
 
 bool Lens::Shows(const Eigen::Vector2d& pixel) const {
-  return std::hypot((pixel.x() - camera_.cx) / camera_.fx, (pixel.y() - camera_.cy) / camera_.fy) <= radius_;
+  const double x = (pixel.x() - camera_.cx) / camera_.fx, y = (pixel.y() - camera_.cy) / camera_.fy;
+  if (distortion_.model == Model::kEquirectangular) return std::cos(y) * std::cos(x) >= cos_limit_;
+  return std::hypot(x, y) <= radius_;
 }
 
 std::optional<Eigen::Vector3d> Lens::Unproject(const Eigen::Vector2d& pixel) const {

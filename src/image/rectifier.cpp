@@ -37,6 +37,9 @@ const Rectifier::Maps& Rectifier::maps() const {
     constexpr float kNowhere = -10;  // px: outside of every image, also when it is interpolated
     const PinholeCamera& face = face_.camera;
     cv::Mat x(face.height, face.width, CV_32FC1), y(face.height, face.width, CV_32FC1);
+    // Wrapped as columns are, half a pixel beyond the zenith would be the nadir.
+    const bool is_sphere = lens_.distortion().model == LensDistortion::Model::kEquirectangular;
+    const double last_row = lens_.camera().height - 1;
     const auto fill_row = [&](int row) {
       const double time = (row + 0.5) / face.height - 0.5;  // of the readout, from its middle
       for (int col = 0; col < face.width; ++col) {
@@ -44,7 +47,8 @@ const Rectifier::Maps& Rectifier::maps() const {
         ray += time * (readout_.turn.cross(ray) - readout_.move);
         const auto seen = lens_.Project(face_.lens_from_face * ray);
         x.at<float>(row, col) = seen ? static_cast<float>(seen->x()) : kNowhere;
-        y.at<float>(row, col) = seen ? static_cast<float>(seen->y()) : kNowhere;
+        y.at<float>(row, col) =
+            seen ? static_cast<float>(is_sphere ? std::clamp(seen->y(), 0.0, last_row) : seen->y()) : kNowhere;
       }
     };
     // Isolated: this thread must take no other task meanwhile, which might wait for these maps.

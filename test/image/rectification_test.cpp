@@ -273,6 +273,7 @@ TEST(Rectifier, FacesOfAWideLensShowTheWorldTheRightWayRound) {
   const double kFocal = 400 / (2 * M_PI);
   for (const Lens& lens :
        {Lens({400, 200, kFocal, kFocal, 199.5, 99.5}, {Model::kEquirectangular, {}}),
+        Lens({400, 200, kFocal, kFocal, 199.5, 99.5}, {Model::kEquirectangular, {}}, 190),
         Lens({240, 240, 72, 72, 119.5, 119.5}, {Model::kEquidistant, {-0.01, 0.004, 0, 0}}, 190),
         Lens({240, 240, 150, 150, 119.5, 119.5}, {Model::kUnified, {1.5, -0.01, 0, 1e-4, 1e-4}}, 200)}) {
     const PinholeCamera& sent = lens.camera();
@@ -286,7 +287,7 @@ TEST(Rectifier, FacesOfAWideLensShowTheWorldTheRightWayRound) {
         if (ray) image.at<cv::Vec3b>(v, u) = cv::Vec3b::all(cv::saturate_cast<uchar>(PatternOn(*ray)));
       }
     }
-    int masked = 0;
+    int masked = 0, shown = 0;
     const std::vector<PinholeFace> faces = FacesOf(lens);
     EXPECT_GT(faces.size(), 1u);
     for (const PinholeFace& face : faces) {
@@ -300,6 +301,7 @@ TEST(Rectifier, FacesOfAWideLensShowTheWorldTheRightWayRound) {
             ++masked;
             continue;
           }
+          ++shown;
           const Eigen::Vector3d ray = face.camera.Unproject({static_cast<double>(u), static_cast<double>(v)});
           // At most 2 levels per pixel at 64 px per rad: rounding twice and steps of 1/32 px stay below 1.5. A black
           // pixel from outside of the circle, or another face, is off by tens.
@@ -308,8 +310,30 @@ TEST(Rectifier, FacesOfAWideLensShowTheWorldTheRightWayRound) {
         }
       }
     }
-    EXPECT_EQ(masked == 0, lens.distortion().model == Model::kEquirectangular);
+    EXPECT_EQ(masked == 0, lens.distortion().model == Model::kEquirectangular && lens.FieldOfView() > 350);
+    EXPECT_GT(shown, masked);
   }
+}
+
+TEST(Rectifier, TheZenithOfASphereIsNotMixedWithTheNadir) {
+  const double kFocal = 400 / (2 * M_PI);
+  const Lens lens({400, 200, kFocal, kFocal, 199.5, 99.5}, {Model::kEquirectangular, {}});
+  cv::Mat image(200, 400, CV_8UC3, cv::Scalar(255, 255, 255));
+  image.rowRange(100, 200) = 0;
+  int above = 0;
+  for (const PinholeFace& face : FacesOf(lens)) {
+    const ColorImage rectified = Rectifier(lens, face).Rectify(image);
+    for (int v = 0; v < face.camera.height; ++v) {
+      for (int u = 0; u < face.camera.width; ++u) {
+        const Eigen::Vector3d ray = face.camera.Unproject({static_cast<double>(u), static_cast<double>(v)});
+        const double down = (face.lens_from_face * ray.normalized()).y();
+        if (std::abs(down) < 0.2) continue;
+        ASSERT_EQ(rectified(u, v).g, down > 0 ? 0 : 255) << face.name << u << ' ' << v;
+        above += down < -0.99 ? 1 : 0;
+      }
+    }
+  }
+  EXPECT_GT(above, 0);
 }
 
 }  // namespace
