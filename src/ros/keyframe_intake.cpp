@@ -15,9 +15,6 @@ namespace {
 constexpr char kNamelessCamera[] = "camera_optical";
 constexpr char kNamelessWorld[] = "world";
 
-/// That are kept: a focus that changes with each image, for half a minute.
-constexpr size_t kCalibrations = 1000;
-
 constexpr double kLongPoseWaitS = 3;  ///< late poses come within a second
 
 /// Median depth of the points in front of the camera; 0 when there are none. A sample of a whole map is enough.
@@ -49,7 +46,7 @@ KeyframeIntake::KeyframeIntake(const NodeOptions& options, const KeyframeGateOpt
     : options_(options),
       transforms_(transforms),
       matcher_(options.matcher),
-      sources_(options, transforms.find_latest),
+      sources_(options, transforms),
       resolver_(options.pose, options.extrinsic_inverted, transforms.find_latest, PathChild(options)),
       fallback_depth_(fallback_depth) {
   gate_.set_options(gate);
@@ -62,25 +59,13 @@ void KeyframeIntake::AddImage(std::shared_ptr<const EncodedImage> image, double 
 }
 
 void KeyframeIntake::AddCameraInfo(const sensor_msgs::CameraInfo& info) {
-  if (calibration_ && SaysTheSame(info, last_info_)) return;
   try {
-    calibration_ = CheckedCalibration(info, options_);
+    calibrations_.Add(info, options_);
   } catch (const InvalidInputError&) {
-    calibration_.reset();
     UpdateObstacle();  // images wait from now on
     throw;
   }
-  last_info_ = info;
-  const int64_t stamp_ns = ToStampNs(info.header.stamp);
-  calibrations_.erase(calibrations_.upper_bound(stamp_ns), calibrations_.end());  // time has gone back
-  calibrations_.insert_or_assign(stamp_ns, calibration_);
-  if (calibrations_.size() > kCalibrations) calibrations_.erase(calibrations_.begin());
   UpdateObstacle();
-}
-
-const CalibrationPtr& KeyframeIntake::CalibrationAt(int64_t stamp_ns) const {
-  const auto later = calibrations_.upper_bound(stamp_ns);
-  return later == calibrations_.begin() ? calibration_ : std::prev(later)->second;
 }
 
 void KeyframeIntake::AddPose(PoseSample pose) {
@@ -114,14 +99,14 @@ void KeyframeIntake::AddKeyframe(const acmp_mapping::KeyframeConstPtr& keyframe,
 
 std::string KeyframeIntake::CameraFrame() const {
   if (!options_.camera_frame.empty()) return options_.camera_frame;
-  if (!image_frame_.empty() || !calibration_) return image_frame_;
-  return calibration_->frame_id;
+  const CalibrationPtr& calibration = calibrations_.last().calibration;
+  return image_frame_.empty() && calibration ? calibration->frame_id : image_frame_;
 }
 
 void KeyframeIntake::UpdateObstacle() {
   resolver_.Update(options_.body_frame.empty() ? child_frame_ : options_.body_frame, CameraFrame());
   std::optional<RejectedInput> obstacle;
-  if (!calibration_) {
+  if (!calibrations_.last().calibration) {
     obstacle = RejectedInput{"no_camera_info", "no usable camera_info has been received"};
   } else if (!resolver_.ready()) {
     obstacle = RejectedInput{"no_extrinsic", resolver_.DescribeMissing()};
@@ -220,7 +205,7 @@ std::string KeyframeIntake::DescribeWait(double now_s) const {
 
 void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>* events) {
   matched_ = true;
-  if (!calibration_) {  // it was matched before the camera_info that cannot be used came
+  if (!calibrations_.last().calibration) {  // it was matched before the camera_info that cannot be used came
     return events->push_back(RejectedInput{
         "no_camera_info", Concat("image ", FormatStamp(match.image.stamp_ns), ": no usable camera_info"), true});
   }
@@ -230,7 +215,8 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   input.image = match.image.image;
   input.mask = match.companions[kMaskStream];
   input.prior_depth = match.companions[kPriorDepthStream];
-  input.calibration = CalibrationAt(input.stamp_ns);
+  const CalibrationHistory::Entry& calibrated = calibrations_.At(input.stamp_ns);
+  input.calibration = calibrated.calibration;
   input.camera_frame = options_.camera_frame;
   if (input.camera_frame.empty()) input.camera_frame = StripLeadingSlash(match.image.image->header().frame_id);
   if (input.camera_frame.empty()) input.camera_frame = input.calibration->frame_id;
@@ -241,11 +227,11 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   for (size_t camera = 0; camera < sources_.size(); ++camera) {
     const auto& image = match.companions[kSourceStream + camera];
     if (!image) continue;
-    auto placed = sources_.Place(camera, image, last_info_, input.camera_frame);
+    auto placed = sources_.Place(camera, image, calibrated.info, input.camera_frame);
     if (auto* source = std::get_if<SourceImage>(&placed)) input.source_images.push_back(std::move(*source));
     if (auto* rejected = std::get_if<RejectedInput>(&placed)) events->emplace_back(std::move(*rejected));
   }
-  if (auto notice = sources_.TakeNotice()) events->emplace_back(Notice{false, std::move(*notice)});
+  if (auto notice = sources_.TakeNotice()) events->emplace_back(std::move(*notice));
   input.landmarks_in_world = PlaceCloud(match, input, events);
   input.path = MakePathConvention();
   if (options_.world_frame.empty()) input.path_frame = input.world_frame;  // else it replaces the frames of all inputs

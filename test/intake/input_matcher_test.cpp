@@ -219,6 +219,18 @@ TEST(Companions, NoImageWaitsLongerThanMaskWaitNorOnceThatOfALaterOneIsThere) {
   EXPECT_THAT(overtaken.Take().masks, ElementsAre(nullptr, mask));
 }
 
+TEST(Companions, OneOfTheFutureTellsNothingOfThoseToCome) {
+  MaskedMatching m;
+  m.Companion(kMaskStream, 60 * kS);
+  for (int i = 0; i < 3; ++i) {
+    m.Companion(kMaskStream, (2 * i - 1) * kS);
+    m.Posed(2 * i * kS);
+    EXPECT_THAT(m.Take(i).stamps, IsEmpty()) << "its own may come yet";
+    const Picture mask = m.Companion(kMaskStream, 2 * i * kS);
+    EXPECT_THAT(m.Take(i + 0.1).masks, ElementsAre(mask));
+  }
+}
+
 TEST(Companions, WithoutPublisherOrAtAFlushNobodyWaits) {
   MaskedMatching m;
   m.Posed(0);

@@ -61,7 +61,7 @@ SparseCloudPtr CloudAt(uint32_t stamp_s, const std::string& frame_id, std::vecto
 struct Result {
   std::vector<KeyframeInput> keyframes;
   std::vector<RejectedInput> drops;
-  std::vector<std::string> notices;
+  std::vector<std::string> notices, warnings;  ///< the latter are among the former
 };
 
 Result Split(std::vector<IntakeEvent> events) {
@@ -69,7 +69,9 @@ Result Split(std::vector<IntakeEvent> events) {
   for (IntakeEvent& event : events) {
     if (auto* keyframe = std::get_if<KeyframeInput>(&event)) result.keyframes.push_back(std::move(*keyframe));
     if (auto* drop = std::get_if<RejectedInput>(&event)) result.drops.push_back(*drop);
-    if (auto* notice = std::get_if<Notice>(&event)) result.notices.push_back(notice->text);
+    auto* notice = std::get_if<Notice>(&event);
+    if (notice) result.notices.push_back(notice->text);
+    if (notice && notice->warning) result.warnings.push_back(notice->text);
   }
   return result;
 }
@@ -455,16 +457,87 @@ TEST(SourceCamerasTest, PAndRTellWhereThoseOfARawPairAre) {
 
 TEST(SourceCamerasTest, TheParameterCountsMostThenPThenTf) {
   RigidTransform of_tf = RigidTransform::Identity(), of_parameter = RigidTransform::Identity();
-  of_tf.translation().x() = -0.3;
+  of_tf.translation().x() = -1.05 * kPairBaseline;
   of_parameter.translation().x() = 0.5;
   const auto lookup = [&](const std::string& target, const std::string& source) {
     return target == "right" && source == "left" ? std::make_optional(of_tf) : std::nullopt;
   };
-  EXPECT_NEAR(CentreOf(FeedPair(WithSources(1), MakeInfo("right"), lookup)).x(), 0.3, 1e-12);
+  EXPECT_NEAR(CentreOf(FeedPair(WithSources(1), MakeInfo("right"), lookup)).x(), 1.05 * kPairBaseline, 1e-12);
   EXPECT_NEAR(CentreOf(FeedPair(WithSources(1), MakeInfo("right", kPairBaseline), lookup)).x(), kPairBaseline, 1e-12);
   NodeOptions options = WithSources(1);
   options.cam_from_sources = {of_parameter};
   EXPECT_NEAR(CentreOf(FeedPair(options, MakeInfo("right", kPairBaseline), lookup)).x(), 0.5, 1e-12);
+}
+
+TEST(SourceCamerasTest, PThatIsOfAnotherPairIsNotTakenSilently) {
+  RigidTransform of_tf = RigidTransform::Identity();
+  const auto lookup = [&](const std::string&, const std::string&) { return std::make_optional(of_tf); };
+  of_tf.translation().x() = -0.3;
+  const Result other_pair = FeedPair(WithSources(1), MakeInfo("right", kPairBaseline), lookup);
+  EXPECT_NEAR(CentreOf(other_pair).x(), 0.3, 1e-12);
+  EXPECT_THAT(other_pair.warnings, ElementsAre(AllOf(HasSubstr("0.11"), HasSubstr("T_cam_source"))));
+  of_tf.translation() = Eigen::Vector3d(0, kPairBaseline, 0);  // of frames with x ahead
+  const Result other_axes = FeedPair(WithSources(1), MakeInfo("right", kPairBaseline), lookup);
+  EXPECT_NEAR(CentreOf(other_axes).x(), kPairBaseline, 1e-12);
+  EXPECT_THAT(other_axes.warnings, SizeIs(1));
+}
+
+/// A mapper with a source camera that gets images at 1, 2, ... s.
+class SourceCameraStream {
+ public:
+  explicit SourceCameraStream(const TransformSource& transforms = {})
+      : intake_(WithSources(1), KeyframeGateOptions(), 0, transforms) {
+    intake_.AddCameraInfo(MakeInfo("left"));
+  }
+  void AddInfo(double stamp_s, double fx) {
+    sensor_msgs::CameraInfo info = MakeInfo("right", kPairBaseline);
+    info.header.stamp.fromSec(stamp_s);
+    info.K[0] = info.K[4] = fx;
+    intake_.AddSourceCameraInfo(0, info);
+  }
+  Result Add(int stamp_s) {
+    const auto image = ImageAt(stamp_s, "right");
+    intake_.AddCompanion(kSourceStream, {ToStampNs(image->header().stamp), image});
+    return Feed(&intake_, stamp_s, 0, nullptr, "left");
+  }
+  KeyframeIntake& intake() { return intake_; }
+
+ private:
+  KeyframeIntake intake_;
+};
+
+TEST(SourceCamerasTest, TheirPlaceIsThatOfTheImagesStamp) {
+  std::map<int64_t, double> x_at = {{1, 0}, {2, 0.2}, {3, 0.2}, {4, 0.5}, {5, 0.6}};  // a driver that starts with zero
+  TransformSource transforms;
+  transforms.find_pose = [&](const std::string& target, const std::string& source,
+                             int64_t stamp_ns) -> std::variant<PoseSample, std::string> {
+    if (target != "right" || source != "left") return "unknown";
+    PoseSample pose;
+    pose.received.translation().x() = -x_at.at(stamp_ns / kSecond);
+    return pose;
+  };
+  SourceCameraStream stream(transforms);
+  sensor_msgs::CameraInfo info = MakeInfo("right");
+  stream.intake().AddSourceCameraInfo(0, info);
+  const Result first = stream.Add(1);
+  ASSERT_THAT(first.drops, SizeIs(1));
+  EXPECT_EQ(first.drops[0].reason, "source_camera_unplaced");
+  size_t notices = 0;
+  for (int stamp_s = 2; stamp_s <= 5; ++stamp_s) {
+    const Result result = stream.Add(stamp_s);
+    EXPECT_NEAR(CentreOf(result).x(), x_at[stamp_s], 1e-12);
+    notices += result.notices.size();
+  }
+  EXPECT_EQ(notices, 2u) << "where it is, and that it moves";
+}
+
+TEST(SourceCamerasTest, TheirCameraInfoIsThatOfTheImagesStamp) {
+  SourceCameraStream stream;
+  stream.AddInfo(0.5, 100);
+  stream.AddInfo(2.5, 200);  // zooms before the images of 1 and 2 s have their pose
+  for (const auto& [stamp_s, fx] : {std::pair<int, double>{1, 100}, {2, 100}, {3, 200}}) {
+    EXPECT_EQ(stream.Add(stamp_s).keyframes.at(0).source_images.at(0).calibration->camera.fx, fx) << stamp_s;
+  }
 }
 
 TEST(SourceCamerasTest, OneThatCannotBeUsedIsNamed) {

@@ -83,12 +83,18 @@ class StreamBuffer {
     if (received.size() > capacity) received.pop_front();
   }
 
-  /// Whether one of these stamps or a later one has come.
+  /// Whether one of these stamps or a later one has come. A stamp that the stream has left far behind again, as it was
+  /// of the future, tells nothing.
   /// @param latest_ns holds for the first image of a run: what came late of the run before tells nothing of it
   bool HasComeFrom(int64_t earliest_ns, int64_t latest_ns = INT64_MAX, bool is_first = false) const {
     if (!(is_first && is_behind())) latest_ns = INT64_MAX;
-    return std::any_of(received.begin(), received.end(),
-                       [&](const Received& r) { return r.stamp_ns >= earliest_ns && r.stamp_ns <= latest_ns; });
+    int64_t later_ns = INT64_MAX;  // the earliest of those that came after
+    for (auto r = received.rbegin(); r != received.rend(); ++r) {
+      const bool is_wanted = r->stamp_ns >= earliest_ns && r->stamp_ns <= latest_ns;
+      if (is_wanted && r->stamp_ns - kTimeJumpNs <= later_ns) return true;
+      later_ns = std::min(later_ns, r->stamp_ns);
+    }
+    return false;
   }
 
   /// The images' stamps went back, to this one. Leaves what has come since this stream's did.

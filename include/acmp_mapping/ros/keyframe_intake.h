@@ -52,27 +52,12 @@ struct KeyframeInput : KeyframeOrigin {
   double scene_depth = 0;  ///< median of the landmarks in front of the last cameras, or the fallback; 0 = unknown
 };
 
-/// Something the user should read.
-struct Notice {
-  bool warning = false;
-  std::string text;
-};
-
 /// The frontend goes on in another world, see WorldTracker: what comes must not be mixed with what came.
 struct NewWorld {
   std::string text;
 };
 
 using IntakeEvent = std::variant<KeyframeInput, TimeJump, NewWorld, RejectedInput, Notice>;
-
-/// Where poses and T_body_cam are looked up. Must not wait. May be empty where the options do not ask for it.
-struct TransformSource {
-  /// Pose of `child` in `world` at a stamp, or why there is none.
-  std::function<std::variant<PoseSample, std::string>(const std::string& world, const std::string& child,
-                                                      int64_t stamp_ns)>
-      find_pose;
-  TransformLookup find_latest;
-};
 
 /// From samples of the input streams to keyframes: matches them, places the clouds in the world and chooses keyframes.
 /// Knows messages but no topics. Not thread-safe.
@@ -129,8 +114,6 @@ class KeyframeIntake {
   std::string CameraFrame() const;
   void LookUpPoses();
   std::vector<IntakeEvent> Convert(std::vector<MatchEvent> events);
-  /// That of the image's stamp; the last one where none is as old.
-  const CalibrationPtr& CalibrationAt(int64_t stamp_ns) const;
   void Convert(const MatchedInput& match, std::vector<IntakeEvent>* events);
   /// Asks the WorldTracker whether the image can be used.
   void CheckWorld(KeyframeInput input, bool has_empty_cloud, std::vector<IntakeEvent>* events);
@@ -159,11 +142,7 @@ class KeyframeIntake {
   double fallback_depth_;
   double scene_depth_ =
       0;  ///< of the last posed image: median of the landmarks that were last in front of the camera; 0 = none yet
-  sensor_msgs::CameraInfo last_info_;
-  CalibrationPtr calibration_;  ///< of the last camera_info; null: none, or it cannot be used
-  /// By the stamp from which they hold, the last ones: a lens may be focused while poses of earlier images are on their
-  /// way.
-  std::map<int64_t, CalibrationPtr> calibrations_;
+  CalibrationHistory calibrations_;
   std::string image_frame_;  ///< of the last image
   std::string child_frame_;  ///< of the last pose
   uint64_t not_chosen_ = 0;
