@@ -16,6 +16,8 @@
 namespace acmp {
 namespace {
 
+constexpr size_t kMaxRuns = 200;  ///< of mappers, also of those that have nothing in the map
+
 /// Of a cloud that is not empty.
 double MedianDepth(const PointCloud& points) {
   std::vector<float> depths(points.size());
@@ -141,6 +143,17 @@ MapStore::Keyframe& MapStore::Insert(SessionKeyframe added, double reach) {
 
 void MapStore::StartRun(const std::string& mapper, uint64_t run) {
   const auto [last, is_new_mapper] = runs_.try_emplace(mapper, run);
+  if (is_new_mapper && runs_.size() > kMaxRuns) {  // those of mappers that have nothing in the map
+    std::set<std::string> present = {mapper};
+    for (const auto& [key, keyframe] : keyframes_) present.insert(key.mapper);
+    const auto forget = [&](auto* of_mappers) {
+      for (auto one = of_mappers->begin(); one != of_mappers->end();) {
+        one = present.count(one->first) == 0 ? of_mappers->erase(one) : std::next(one);
+      }
+    };
+    forget(&runs_);
+    forget(&image_counts_);
+  }
   if (is_new_mapper || last->second == run) return;
   last->second = run;
   path_.clear();

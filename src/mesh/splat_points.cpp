@@ -153,7 +153,17 @@ SurfaceMaps SplatPoints(const PointCloud& points_in_camera, const RigidTransform
 }
 
 SurfaceMaps SplatPoints(const PointCloud& points_in_camera, const PosedCamera& camera, double spacing) {
-  return DrawInView(PointsInView(points_in_camera), camera, spacing);
+  const PosedCamera drawn = {SplatCamera(camera.camera, points_in_camera.size()), camera.cam_from_world};
+  return DrawInView(PointsInView(points_in_camera), drawn, spacing);
+}
+
+PinholeCamera SplatCamera(const PinholeCamera& camera, size_t points) {
+  constexpr double kPerPoint = 64, kLeast = 640 * 480;  // px
+  const double shrink = std::sqrt(static_cast<double>(camera.width) * camera.height /
+                                  std::max(kLeast, kPerPoint * static_cast<double>(points)));
+  if (!(shrink > 1)) return camera;
+  const auto side = [shrink](int px) { return std::max(1, static_cast<int>(px / shrink)); };
+  return camera.Resized(side(camera.width), side(camera.height));
 }
 
 double PointSpacing(const PointCloud& points_in_camera, double voxel_size) {

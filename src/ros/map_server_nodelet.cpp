@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -35,7 +36,7 @@ namespace {
 using acmp_mapping::KeyframePoints;
 
 constexpr char kSessionEnding[] = ".bag";
-constexpr size_t kMaxMappers = 100;  ///< all are in diagnostics and answers, and remembered
+constexpr size_t kMaxMappers = 100;  ///< in diagnostics and answers; those that were silent longest are forgotten
 constexpr double kMapPeriodS = 0.1;  ///< how often the map's rate limit is looked at
 constexpr uint32_t kPathQueue = 2;   ///< each path replaces the one before
 /// A GPU may make keyframes faster than the map takes them in. Bounds the memory of those that wait, 6 MB each of
@@ -235,8 +236,9 @@ class MapServerNodelet : public NodeletBase {
     {
       std::lock_guard<std::mutex> lock(mutex_);
       if (mappers_.size() >= kMaxMappers && mappers_.count(mapper) == 0) {
-        throw InvalidInputError(
-            Concat("has come from ", kMaxMappers, " other mappers already, which is the limit; reset forgets them"));
+        mappers_.erase(std::min_element(mappers_.begin(), mappers_.end(), [](const auto& a, const auto& b) {
+          return a.second.last_received_s < b.second.last_received_s;
+        }));
       }
       MapperTraffic& traffic = mappers_[mapper];
       // A mapper that was started again counts from the beginning.

@@ -45,7 +45,7 @@ void WriteImages(const SessionKeyframe& keyframe, double voxel_size, const ros::
                   PointSpacing(points, voxel_size));
   const Image<unsigned char> all(maps.depth.width(), maps.depth.height(), 1);
   bag->Write(Topic(names::kDepth), time, *ToDepthMessage(maps.depth, all.View(), header));
-  bag->Write(Topic(names::kDepthCameraInfo), time, *ToCameraInfo(keyframe.pose.camera, header));
+  bag->Write(Topic(names::kDepthCameraInfo), time, *ToCameraInfo(maps.camera.camera, header));
   bag->Write(Topic(names::kConfidence), time, *ToFloatMessage(maps.confidence, header));
   bag->Write(Topic(names::kColor), time, *ToColorMessage(maps.color, header));
 }

@@ -182,5 +182,14 @@ TEST(SplatPoints, LeavesOutWhatNoCameraSees) {
   EXPECT_NEAR(slanted.depth(12, 10), 0.8 / (0.8 - 0.6 * 0.02), 1e-5);
 }
 
+TEST(SplatPoints, AFewPointsMakeNoLargeImage) {
+  const PosedCamera camera = {{4400, 4400, 4000, 4000, 2199.5, 2199.5}, RigidTransform::Identity()};
+  const SurfaceMaps maps = SplatPoints({{{0, 0, 2}, {0, 0, -1}, {}, 1}}, camera, 0.02);
+  EXPECT_LE(maps.depth.size(), 640u * 480u);
+  EXPECT_TRUE(maps.camera.camera == camera.camera.Resized(maps.depth.width(), maps.depth.height()));
+  EXPECT_NEAR(maps.depth(maps.depth.width() / 2, maps.depth.height() / 2), 2, 1e-6);
+  EXPECT_TRUE(SplatCamera(camera.camera, 400000) == camera.camera) << "a dense one is as it is";
+}
+
 }  // namespace
 }  // namespace acmp::test

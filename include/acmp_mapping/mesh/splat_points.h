@@ -22,8 +22,12 @@ struct SurfaceMaps {
 /// @param points_in_camera about `spacing` apart, with unit normals that face the camera
 /// @param spacing unit of the points, > 0
 SurfaceMaps SplatPoints(const PointCloud& points_in_camera, const RigidTransform& world_from_cam, double spacing);
-/// The same in the pixels of a given camera: maps of its size.
+/// The same in the pixels of a given camera, or larger ones where it has far more than points (SplatCamera).
 SurfaceMaps SplatPoints(const PointCloud& points_in_camera, const PosedCamera& camera, double spacing);
+
+/// The camera with no more pixels than points can fill, 640 x 480 at least: a few points may come with a camera of any
+/// size.
+PinholeCamera SplatCamera(const PinholeCamera& camera, size_t points);
 
 /// How far apart a camera's points lie at the median depth: where its pixels cover more than the voxels that they were
 /// thinned to, farther than these. 0 without points before the camera.
