@@ -369,6 +369,7 @@ cv::Mat MapperWorker::Decode(const EncodedImage& image, const CalibrationPtr& ca
   if (!camera->decoder.note().empty() && camera->decoder.note() != note) {
     outputs_->Report({"assumed_encoding", Concat(image.topic, ": ", camera->decoder.note())});
   }
+  camera->rectifiers.front().CheckSize(rgb.cols, rgb.rows);  // before their tables are made
   return rgb;
 }
 

@@ -52,7 +52,13 @@ int RunTool(CLI::App& app, int argc, char** argv, const Body& body) {
       app.exit(CLI::ExtrasError(unknown));
       return kExitBadInput;
     }
-    return app.exit(error) == 0 ? kExitDone : kExitBadInput;  // --help is a ParseError with code 0
+    if (app.exit(error) != 0) return kExitBadInput;
+    try {
+      return Printed();  // --help is a ParseError with code 0
+    } catch (const ProcessingError& lost) {
+      std::cerr << app.get_name() << ": " << lost.what() << '\n';
+      return kExitFailed;
+    }
   } catch (const InvalidInputError& error) {
     std::cerr << app.get_name() << ": " << error.what() << '\n';
     return kExitBadInput;

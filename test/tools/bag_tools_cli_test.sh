@@ -41,10 +41,11 @@ expect 2 "missing" "$bin/acmp_make_bag" missing out.bag
 expect 2 "is a folder" "$bin/acmp_make_bag" "${small[@]}" .
 expect 2 "there is no folder" "$bin/acmp_make_bag" "${small[@]}" missing/out.bag
 expect 1 "cannot write" limited "$bin/acmp_make_bag" "${small[@]}" out.bag
-[ ! -e out.bag ] && [ ! -e out.bag.partial ] || fail "a failed run left files"
+[ ! -e out.bag ] && [ ! -e out.bag.acmp.partial ] || fail "a failed run left files"
 
 head -c 5000 a.bag >cut.bag
 expect 1 "cannot write to the standard output" eval '"$bin/acmp_check_bag" a.bag 2>&1 >/dev/full'
+expect 1 "cannot write to the standard output" eval '"$bin/acmp_check_bag" --help 2>&1 >/dev/full'
 expect 2 "truncated" "$bin/acmp_check_bag" cut.bag
 expect 2 "no such file" "$bin/acmp_check_bag" missing.bag
 expect 2 "not in the bag" "$bin/acmp_check_bag" a.bag --image /nowhere

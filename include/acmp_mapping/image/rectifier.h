@@ -26,6 +26,9 @@ class Rectifier {
   const PinholeFace& face() const { return face_; }
   const ReadoutMotion& readout() const { return readout_; }
 
+  /// Throws InvalidInputError unless an image of the lens' camera has this size.
+  void CheckSize(int width, int height) const;
+
   /// Bilinear; black where the lens sees nothing. Throws InvalidInputError when the image (8-bit RGB) has not the size
   /// of the lens' camera. The first image of this size makes the maps: a camera alone, whatever size it claims, takes
   /// no memory.
@@ -43,7 +46,6 @@ class Rectifier {
   DepthMap RectifyDepth(const DepthMap& depth) const;
 
  private:
-  void CheckSize(int width, int height) const;
   bool ChangesNothing() const;
   int Border() const;
   /// Where a pixel comes from.
