@@ -116,8 +116,8 @@ class Session:
     def log(self):
         return (self.folder / "log").read_text()
 
-    def map_bag(self, bag):
-        """Plays the bag and returns the points of the map afterwards."""
+    def map_bag(self, bag, *more_topics):
+        """Plays the bag and returns the points of the map afterwards. more_topics: beside TOPICS; and "FROM:=TO"."""
         with rosbag.Bag(bag) as recorded:
             count = recorded.get_message_count(TOPICS["image"])
         before, waited = image_counts()
@@ -126,7 +126,7 @@ class Session:
             received, waiting = image_counts()
             return received >= before + count and waiting <= waited
         # A player that ends at once takes with it what has not been sent by then, on a busy machine.
-        player = subprocess.Popen(play_command(bag, "--keep-alive"), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        player = subprocess.Popen([*play_command(bag, "--keep-alive"), *more_topics], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         try:
             wait_for(has_all, "all images and their poses")
         finally:
