@@ -53,7 +53,7 @@ void FilterByMedian(const FusionSetup& setup, const FillContext& filled, Image<V
 }  // namespace
 
 FusionLimits ConsistencyLimits() {
-  constexpr double kMaxReprojectionPx = 2, kMaxRelativeDepth = 0.003f;
+  constexpr float kMaxReprojectionPx = 2, kMaxRelativeDepth = 0.003f;
   FusionLimits limits = {};
   limits.max_squared_px = kMaxReprojectionPx * kMaxReprojectionPx;
   limits.max_relative_depth = kMaxRelativeDepth;

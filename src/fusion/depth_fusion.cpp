@@ -17,23 +17,22 @@ constexpr double kPi = 3.14159265358979323846;
 
 ReferenceGeometry MakeReferenceGeometry(const PosedCamera& reference, const RigidTransform& target_from_reference) {
   const Eigen::Matrix3d rotation = target_from_reference.linear();
-  return {ToMat3d(rotation * reference.camera.K().inverse()), ToMat3d(rotation),
-          ToVec3d(target_from_reference.translation())};
+  return {ToMat3f(rotation * reference.camera.K().inverse()), ToMat3f(rotation),
+          ToVec3f(target_from_reference.translation()), MakeRayGrid(reference.camera)};
 }
 
 SourceGeometry MakeSourceGeometry(const PosedCamera& reference, const PosedCamera& source,
                                   const RigidTransform& target_from_reference) {
   const RigidTransform reference_from_source = reference.cam_from_world * source.cam_from_world.inverse();
   const RigidTransform source_from_reference = source.cam_from_world * reference.cam_from_world.inverse();
-  const RigidTransform target_from_source = target_from_reference * reference_from_source;
   const Eigen::Matrix3d reference_k = reference.camera.K(), source_k = source.camera.K();
   SourceGeometry geometry;
-  geometry.to_source = ToMat3d(source_k * source_from_reference.linear() * reference_k.inverse());
-  geometry.to_source_offset = ToVec3d(source_k * source_from_reference.translation());
-  geometry.to_reference = ToMat3d(reference_k * reference_from_source.linear() * source_k.inverse());
-  geometry.to_reference_offset = ToVec3d(reference_k * reference_from_source.translation());
-  geometry.target_from_camera = ToMat3d(target_from_source.linear());
-  geometry.center = ToVec3d(target_from_source.translation());
+  geometry.to_source = ToMat3f(source_k * source_from_reference.linear() * reference_k.inverse());
+  geometry.to_source_offset = ToVec3f(source_k * source_from_reference.translation());
+  geometry.to_reference = ToMat3f(reference_k * reference_from_source.linear() * source_k.inverse());
+  geometry.to_reference_offset = ToVec3f(reference_k * reference_from_source.translation());
+  geometry.target_from_camera = ToMat3f(target_from_reference.linear() * reference_from_source.linear());
+  geometry.baseline = ToVec3f(target_from_reference.linear() * reference_from_source.translation());
   geometry.rays = MakeRayGrid(source.camera);
   return geometry;
 }
@@ -60,9 +59,10 @@ PointCloud CollectPoints(const FusionSetup& setup, const MakePoint& make_point) 
 }  // namespace
 
 FusionLimits MakeFusionLimits(const FusionOptions& options) {
-  const double max_px = options.max_reprojection_px;
-  return {max_px * max_px, options.max_relative_depth, std::cos(options.max_normal_angle_deg * kPi / 180),
-          options.min_consistent_views, options.min_confidence};
+  const float max_px = options.max_reprojection_px;
+  return {max_px * max_px, options.max_relative_depth,
+          static_cast<float>(std::cos(options.max_normal_angle_deg * kPi / 180)), options.min_consistent_views,
+          options.min_confidence};
 }
 
 Stamp StampOfRank(int rank) {

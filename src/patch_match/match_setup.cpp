@@ -11,12 +11,6 @@
 namespace acmp {
 namespace {
 
-Mat3f ToMat3f(const Eigen::Matrix3d& matrix) {
-  Mat3f result;
-  for (int i = 0; i < 9; ++i) result.m[i] = static_cast<float>(matrix(i / 3, i % 3));
-  return result;
-}
-
 void CheckMatchView(const std::string& name, const MatchView& view) {
   CheckCamera(name, view.camera);
   const auto check_size = [&](const char* what, int width, int height) {

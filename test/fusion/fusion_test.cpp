@@ -64,7 +64,7 @@ TEST_P(FusionTest, FilterAgreesWithThePlainReferenceOnNoisyMaps) {
           const auto matches = reference::FindMatches(all[0], sources, col, row, options);
           ++pixels_of_count[matches.size()];
           const double confidence = reference::Confidence(all[0], sources, col, row, options);
-          ASSERT_NEAR(result.confidence(col, row), confidence, 1e-6);  // float: 6e-8; noise does not amplify it
+          ASSERT_NEAR(result.confidence(col, row), confidence, reference::kConfidenceTolerance);
           if (!reference::Accepts(all[0], col, row, confidence, matches, options)) continue;
           ASSERT_LT(next, result.points_in_camera.size());
           const SurfacePoint& point = result.points_in_camera[next++];
@@ -78,6 +78,23 @@ TEST_P(FusionTest, FilterAgreesWithThePlainReferenceOnNoisyMaps) {
       EXPECT_LT(next, result.confidence.size() - 200);
       for (const int pixels : pixels_of_count) EXPECT_GT(pixels, 0);  // the noise makes all cases occur
     }
+  }
+}
+
+TEST_P(FusionTest, DoesNotDependOnHowFarAwayTheWorldsOriginIs) {
+  // UTM coordinates: float32 would round them to half a metre.
+  const Eigen::Vector3d away(5e5, 5.8e6, 300);
+  std::vector<TestView> views = NoisyViews();
+  const ConsistencyResult near = Filter(ViewsOf(views), {});
+  for (TestView& view : views) view.cam_from_world.translation() -= view.cam_from_world.linear() * away;
+  const ConsistencyResult far = Filter(ViewsOf(views), {});
+  ASSERT_EQ(near.points_in_camera.size(), far.points_in_camera.size());
+  for (size_t i = 0; i < near.confidence.size(); ++i) {
+    ASSERT_NEAR(near.confidence.data()[i], far.confidence.data()[i], reference::kConfidenceTolerance);
+  }
+  for (size_t i = 0; i < near.points_in_camera.size(); ++i) {
+    ASSERT_NEAR(near.points_in_camera[i].position.x, far.points_in_camera[i].position.x, 1e-5);
+    ASSERT_NEAR(near.points_in_camera[i].position.z, far.points_in_camera[i].position.z, 1e-5);
   }
 }
 

@@ -22,7 +22,6 @@ struct Mat3 {
 using Vec3f = Vec3<float>;
 using Vec3d = Vec3<double>;
 using Mat3f = Mat3<float>;
-using Mat3d = Mat3<double>;
 
 template <class T>
 ACMP_HOST_DEVICE inline Vec3<T> operator+(const Vec3<T>& a, const Vec3<T>& b) {
@@ -56,11 +55,6 @@ template <class T>
 ACMP_HOST_DEVICE inline Vec3<T> operator*(const Mat3<T>& a, const Vec3<T>& v) {
   return {a.m[0] * v.x + a.m[1] * v.y + a.m[2] * v.z, a.m[3] * v.x + a.m[4] * v.y + a.m[5] * v.z,
           a.m[6] * v.x + a.m[7] * v.y + a.m[8] * v.z};
-}
-
-ACMP_HOST_DEVICE inline Vec3d AsDouble(const Vec3f& v) { return {v.x, v.y, v.z}; }
-ACMP_HOST_DEVICE inline Vec3f AsFloat(const Vec3d& v) {
-  return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
 }
 
 /// `value` limited to [low, high]; NaN becomes `low`.

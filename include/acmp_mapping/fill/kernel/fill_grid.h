@@ -240,7 +240,7 @@ ACMP_HOST_DEVICE inline void FitSeed(const FillContext& context, int cell_col, i
 ACMP_HOST_DEVICE inline ViewSupport CountSupportingViews(const FusionContext& context, int col, int row) {
   ReferencePixel pixel;
   if (!LoadReferencePlace(context, col, row, &pixel)) return 0;
-  constexpr double kNearlySquaredPx = 4, kNearlyDepth = 4, kCloselyDepth = 2.0 / 3;
+  constexpr float kNearlySquaredPx = 4, kNearlyDepth = 4, kCloselyDepth = 2.0f / 3;
   int confirming = 0, strictly_consistent = 0, free_space_violations = 0;
   bool is_loosely_consistent = false;
   for (int i = 0; i < context.num_sources; ++i) {
@@ -250,7 +250,7 @@ ACMP_HOST_DEVICE inline ViewSupport CountSupportingViews(const FusionContext& co
     if (context.sources[i].view.IsUnconfirmed(place.col, place.row)) continue;
     if (!ProjectBack(context.sources[i], context.limits, pixel, place, &agreement)) continue;
     if (ViolatesFreeSpace(agreement)) ++free_space_violations;
-    const double squared_px = context.limits.max_squared_px, relative_depth = context.limits.max_relative_depth;
+    const float squared_px = context.limits.max_squared_px, relative_depth = context.limits.max_relative_depth;
     is_loosely_consistent |= agreement.squared_px < kNearlySquaredPx * squared_px &&
                              agreement.relative_depth < kNearlyDepth * relative_depth;
     const bool confirms = agreement.squared_px < squared_px && agreement.relative_depth < relative_depth;

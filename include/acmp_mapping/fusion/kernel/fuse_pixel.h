@@ -9,9 +9,9 @@ namespace acmp {
 /// A reference pixel and its matches added up, so that no list of matches is kept.
 struct MatchSum {
   int count;                              ///< of matches
-  double weight;                          ///< as all below with the reference pixel
-  Vec3d homogeneous;                      ///< z (u, v, 1) in the reference, times weight
-  Vec3d normal;                           ///< target frame, times weight
+  float weight;                           ///< as all below with the reference pixel
+  Vec3f homogeneous;                      ///< z (u, v, 1) in the reference, times weight
+  Vec3f normal;                           ///< target frame, times weight
   unsigned red, green, blue, num_colors;  ///< of the pixels whose view has colours
   uint32_t matched;                       ///< a bit per source
 };
@@ -67,16 +67,16 @@ ACMP_HOST_DEVICE inline unsigned char RoundedMean(unsigned sum, unsigned count) 
 
 /// Mean of the pixel and its matches, target frame.
 ACMP_HOST_DEVICE inline SurfacePoint Average(const ReferenceGeometry& geometry, const ReferencePixel& pixel,
-                                             const MatchSum& sum, double confidence) {
-  const Vec3d mean = (1.0 / sum.weight) * sum.homogeneous;
+                                             const MatchSum& sum, float confidence) {
+  const Vec3f mean = (1 / sum.weight) * sum.homogeneous;
   // With limits near 180 degrees normals may cancel; the reference's own is then as good as any.
-  const bool cancels = !(Norm(sum.normal) > 1e-6);
+  const bool cancels = !(Norm(sum.normal) > 1e-6f);
   SurfacePoint point;
-  point.position = AsFloat(geometry.target_from_pixel * mean + geometry.center);
-  point.normal = AsFloat(cancels ? pixel.normal : Normalized(sum.normal));
+  point.position = geometry.target_from_pixel * mean + geometry.center;
+  point.normal = cancels ? pixel.normal : Normalized(sum.normal);
   point.color = {RoundedMean(sum.red, sum.num_colors), RoundedMean(sum.green, sum.num_colors),
                  RoundedMean(sum.blue, sum.num_colors)};
-  point.confidence = static_cast<float>(confidence);
+  point.confidence = confidence;
   return point;
 }
 
@@ -88,7 +88,7 @@ ACMP_HOST_DEVICE inline bool MayBePoint(const FusionContext& context, int col, i
 
 /// The mean of a pixel and of what agrees with it; false where it becomes no point.
 /// @param sum set to both where it does
-ACMP_HOST_DEVICE inline bool MakePoint(const FusionContext& context, int col, int row, double confidence,
+ACMP_HOST_DEVICE inline bool MakePoint(const FusionContext& context, int col, int row, float confidence,
                                        ReferencePixel* pixel, MatchSum* sum, SurfacePoint* point) {
   if (!(confidence >= context.limits.min_confidence) || !MayBePoint(context, col, row)) return false;
   if (!LoadReferencePixel(context, col, row, pixel)) return false;
@@ -102,11 +102,10 @@ ACMP_HOST_DEVICE inline bool MakePoint(const FusionContext& context, int col, in
 /// @param context with `log_odds` of all pixels
 ACMP_HOST_DEVICE inline bool CheckPixel(const FusionContext& context, int col, int row, float* confidence,
                                         SurfacePoint* point) {
-  const double probability = ConfidenceOf(context, col, row);
-  *confidence = static_cast<float>(probability);
+  *confidence = ConfidenceOf(context, col, row);
   ReferencePixel pixel;
   MatchSum sum;
-  return MakePoint(context, col, row, probability, &pixel, &sum, point);
+  return MakePoint(context, col, row, *confidence, &pixel, &sum, point);
 }
 
 /// Stamps the pixel and its matches. Other pixels of the reference may do so at the same time and to the same matches:

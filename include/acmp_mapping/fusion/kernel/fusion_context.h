@@ -23,30 +23,35 @@ struct FusionMaps {
 
 /// FusionOptions as the kernels compare them.
 struct FusionLimits {
-  double max_squared_px;  ///< of the forward-backward error
-  double max_relative_depth;
-  double min_normal_cosine;
+  float max_squared_px;  ///< of the forward-backward error
+  float max_relative_depth;
+  float min_normal_cosine;
   int min_consistent_views;
-  double min_confidence;
+  float min_confidence;
 
   /// Else as the papers: agreeing views count alike, and unconfirmed pixels are no points.
   ACMP_HOST_DEVICE bool ByProbability() const { return min_consistent_views == 0; }
 };
 
+// Matrices are composed in double on the host, from poses relative to the reference's: world coordinates may be large.
+// What is left per pixel is arithmetic in the reference's and the sources' frames, of which float keeps 1e-7 of the
+// depth and some 1e-7 of the image's width in pixels; the narrowest limits are a thousandth and two thirds of a pixel.
+
 /// From the reference's pixels to the frame in which points are wanted ("target"): its own or the world.
 struct ReferenceGeometry {
-  Mat3d target_from_pixel;   ///< takes z (u, v, 1) to the point's offset from the camera centre
-  Mat3d target_from_camera;  ///< rotation
-  Vec3d center;              ///< of the camera, target frame
+  Mat3f target_from_pixel;   ///< takes z (u, v, 1) to the point's offset from the camera centre
+  Mat3f target_from_camera;  ///< rotation
+  Vec3f center;              ///< of the camera, target frame: points alone have it, as accurate as these are
+  RayGrid rays;              ///< of the reference's pixels
 };
 
 /// Maps between the pixels of the reference (r) and of one source (s), homogeneous, with z as third coordinate:
 /// z_s (u_s, v_s, 1) = to_source z_r (u_r, v_r, 1) + to_source_offset, and back.
 struct SourceGeometry {
-  Mat3d to_source, to_reference;
-  Vec3d to_source_offset, to_reference_offset;
-  Mat3d target_from_camera;  ///< rotation
-  Vec3d center;              ///< of the camera, target frame
+  Mat3f to_source, to_reference;
+  Vec3f to_source_offset, to_reference_offset;
+  Mat3f target_from_camera;  ///< rotation
+  Vec3f baseline;            ///< from the reference's camera centre to the source's, axes of the target frame
   RayGrid rays;              ///< of the source's pixels
 };
 
