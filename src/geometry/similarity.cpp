@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <map>
+#include <utility>
 
 namespace acmp {
 namespace {
@@ -19,21 +20,24 @@ AlongWeights WeightsAround(size_t middle, size_t reach, size_t count) {
   return {middle - std::min(middle, reach - 1), std::min(middle + reach, count), middle, reach};
 }
 
+/// As FitSimilarity. The noise of a baseline has a part in its square, but none in its product with the one that begins
+/// a pose later, as they have no pose in common.
 template <class Weight>
 double BaselineScale(const std::vector<PosePair>& poses, size_t begin, size_t end, const Weight& weight) {
-  double products = 0, squares = 0;
-  const size_t gap = std::min(kBaseline, end - begin - 1);
-  for (size_t i = begin, j = begin + gap; j < end; ++i, ++j) {
+  double to_along = 0, from_along = 0;
+  const size_t gap = std::min(kBaseline, end - begin - 2);
+  for (size_t i = begin, j = begin + gap; j + 1 < end; ++i, ++j) {
     // In the first pose's axes: whoever drifts turns, too.
-    const auto baseline = [&](const RigidTransform& a, const RigidTransform& b) -> Eigen::Vector3d {
-      return a.linear().transpose() * (b.translation() - a.translation());
+    const auto baseline = [](const auto& a, const auto& b, const auto& axes) -> Eigen::Vector3d {
+      return axes.linear().transpose() * (b.translation() - a.translation());
     };
-    const Eigen::Vector3d from = baseline(poses[i].from, poses[j].from), to = baseline(poses[i].to, poses[j].to);
+    const RigidTransform &from_axes = poses[i].from, &to_axes = poses[i].to;
+    const Eigen::Vector3d along = baseline(poses[i + 1].from, poses[j + 1].from, from_axes);
     const double w = std::min(weight(i), weight(j));
-    products += w * from.dot(to);
-    squares += w * from.squaredNorm();
+    to_along += w * along.dot(baseline(poses[i].to, poses[j].to, to_axes));
+    from_along += w * along.dot(baseline(poses[i].from, poses[j].from, from_axes));
   }
-  return products > 0 && squares > 0 ? products / squares : 1;
+  return to_along > 0 && from_along > 0 ? to_along / from_along : 1;
 }
 
 /// Mean rotation and mean place of poses [begin, end), each with its weight.
@@ -85,19 +89,29 @@ std::vector<Similarity> AlignAlong(const std::vector<PosePair>& poses, std::opti
   return aligned;
 }
 
-std::vector<std::optional<PlacedCamera>> PlaceAlong(const std::vector<RefinedAndReceived>& keyframes) {
-  std::map<uint64_t, std::vector<size_t>> of_world;
-  for (size_t i = 0; i < keyframes.size(); ++i) of_world[keyframes[i].refined.world].push_back(i);
+std::vector<std::optional<PlacedCamera>> PlaceAlong(const std::vector<TrajectoryKeyframe>& keyframes) {
+  struct World {
+    int64_t capture;                                 // the last one
+    std::vector<PosePair> poses;                     // of each capture, by its first keyframe
+    std::vector<std::pair<size_t, size_t>> members;  // keyframe, capture
+  };
+  std::map<uint64_t, World> worlds;
+  for (size_t i = 0; i < keyframes.size(); ++i) {
+    const auto& [capture, poses] = keyframes[i];
+    World& world = worlds[poses.refined.world];
+    if (world.poses.empty() || world.capture != capture) {
+      world.capture = capture;
+      world.poses.push_back({poses.refined.world_from_cam, poses.received});
+    }
+    world.members.emplace_back(i, world.poses.size() - 1);
+  }
   std::vector<std::optional<PlacedCamera>> placed(keyframes.size());
-  for (const auto& [world, members] : of_world) {
-    if (members.size() < kMinForSimilarity) continue;
-    std::vector<PosePair> poses;
-    poses.reserve(members.size());
-    for (const size_t i : members) poses.push_back({keyframes[i].refined.world_from_cam, keyframes[i].received});
-    const std::vector<Similarity> aligned = AlignAlong(poses);
-    for (size_t k = 0; k < members.size(); ++k) {
-      const RefinedCamera& refined = keyframes[members[k]].refined;
-      placed[members[k]] = {aligned[k].Moved(refined.world_from_cam), aligned[k].scale / refined.scale};
+  for (const auto& [number, world] : worlds) {
+    if (world.poses.size() < kMinForSimilarity) continue;
+    const std::vector<Similarity> aligned = AlignAlong(world.poses);
+    for (const auto& [i, capture] : world.members) {
+      const RefinedCamera& refined = keyframes[i].poses.refined;
+      placed[i] = {aligned[capture].Moved(refined.world_from_cam), aligned[capture].scale / refined.scale};
     }
   }
   return placed;

@@ -111,7 +111,7 @@ Similarity LaterFromEarlier(const KeyframePose& later, const CorrectedPose& late
 
 }  // namespace
 
-std::vector<KeyframeKey> MapStore::Around(const KeyframeKey& key) const {
+std::vector<KeyframeKey> MapStore::Around(const KeyframeKey& key, int64_t since_ns) const {
   constexpr double kSameDirection = 0.3;  // cosine: within 70 degrees they can see the same
   std::vector<std::pair<double, KeyframeKey>> around;
   const auto found = keyframes_.find(key);
@@ -121,8 +121,8 @@ std::vector<KeyframeKey> MapStore::Around(const KeyframeKey& key) const {
   for (const auto& [other_key, other] : keyframes_) {
     const RigidTransform& there = other.pose.world_from_cam;
     const double distance = (here.translation() - there.translation()).norm();
-    if (other_key == key || other.points_in_camera->empty() || distance > added.scale * added.reach ||
-        here.linear().col(2).dot(there.linear().col(2)) < kSameDirection) {
+    if (other_key == key || other.pose.stamp_ns < since_ns || other.points_in_camera->empty() ||
+        distance > added.scale * added.reach || here.linear().col(2).dot(there.linear().col(2)) < kSameDirection) {
       continue;
     }
     around.emplace_back(distance, other_key);
@@ -141,29 +141,34 @@ bool MapStore::LookAroundNext() {
     Keyframe keyframe;
     std::shared_ptr<const PointCloud> points_before;
   };
-  std::vector<Looked> all(1);  // the keyframe that looks, as it was added, and those around it
+  // The keyframe whose look it is, as it was then, and those around it.
+  std::vector<Looked> all;
+  bool is_replaced = false;
   double voxel_size = 0;
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    Keyframes::iterator found = keyframes_.end();
-    for (; !to_look_.empty() && found == keyframes_.end(); to_look_.pop_front()) {
-      all[0].key = to_look_.front();
-      found = keyframes_.find(all[0].key);
-      if (found != keyframes_.end() && !found->second.to_look) found = keyframes_.end();
-    }
-    if (found == keyframes_.end()) return false;
-    const std::shared_ptr<const ToLook> as_added = std::move(found->second.to_look);
-    Keyframe& added = all[0].keyframe;
-    added.pose = found->second.pose;
-    added.as_sent = as_added->as_sent;
-    added.points_in_camera = all[0].points_before = as_added->points_in_camera;
-    added.later_views.resize(added.points_in_camera->size());
+    if (to_look_.empty()) return false;
+    const ToLook due = std::move(to_look_.front());
+    to_look_.pop_front();
+    is_replaced = due.around.empty();
     voxel_size = VoxelSize();
-    for (const KeyframeKey& other : as_added->around) {
+    const auto add = [&](const Keyframe& keyframe, const Shown& shown) {
+      all.push_back({shown.key, keyframe, shown.points_in_camera});
+      all.back().keyframe.as_sent = shown.as_sent;
+      all.back().keyframe.points_in_camera = shown.points_in_camera;
+    };
+    const Keyframe& own = keyframes_.at(due.keyframe.key);
+    add(own, due.keyframe);
+    all[0].keyframe.later_views.reset();
+    for (const KeyframeKey& other : due.around) {
       const auto neighbour = keyframes_.find(other);
-      // One that was replaced since then would have forgotten this look.
-      if (neighbour == keyframes_.end() || neighbour->second.points_arrival > found->second.arrival) continue;
+      // At one that was replaced since then it looks again anyway.
+      if (neighbour == keyframes_.end() || neighbour->second.points_arrival > own.arrival) continue;
       all.push_back({other, neighbour->second, neighbour->second.points_in_camera});
+    }
+    for (const Shown& later : due.later) {
+      const auto neighbour = keyframes_.find(later.key);
+      if (neighbour != keyframes_.end()) add(neighbour->second, later);
     }
   }
   const auto seen_by = [&](const Keyframe& keyframe) {
@@ -173,16 +178,18 @@ bool MapStore::LookAroundNext() {
   const auto take = [](const SurfaceMaps& seen, const Keyframe& later, Keyframe* earlier) {
     const Similarity pose = LaterFromEarlier(later.as_sent, later.pose, earlier->as_sent, earlier->pose);
     auto points = std::make_shared<PointCloud>(*earlier->points_in_camera);
-    if (TakeLaterView(seen, pose, points.get(), &earlier->later_views)) {
-      earlier->points_in_camera = std::move(points);
-    }
+    auto views = earlier->later_views ? std::make_shared<std::vector<LaterViews>>(*earlier->later_views)
+                                      : std::make_shared<std::vector<LaterViews>>(points->size());
+    if (!TakeLaterView(seen, pose, points.get(), views.get())) return;
+    earlier->points_in_camera = std::move(points);
+    earlier->later_views = std::move(views);
   };
-  Keyframe& added = all[0].keyframe;
-  const SurfaceMaps seen = seen_by(added);
+  Keyframe& own = all[0].keyframe;
+  const SurfaceMaps seen = is_replaced ? SurfaceMaps{} : seen_by(own);
   for (size_t i = 1; i < all.size(); ++i) {
     Keyframe& other = all[i].keyframe;
-    if (other.pose.stamp_ns < added.pose.stamp_ns) take(seen, added, &other);
-    if (other.pose.stamp_ns > added.pose.stamp_ns) take(seen_by(other), other, &added);
+    if (other.pose.stamp_ns < own.pose.stamp_ns) take(seen, own, &other);
+    if (other.pose.stamp_ns > own.pose.stamp_ns) take(seen_by(other), other, &own);
   }
   std::lock_guard<std::mutex> lock(mutex_);
   for (Looked& looked : all) {
@@ -195,6 +202,7 @@ bool MapStore::LookAroundNext() {
     statistics_.points -= before->size() - looked.keyframe.points_in_camera->size();
     keyframe->second.points_in_camera = std::move(looked.keyframe.points_in_camera);
     keyframe->second.later_views = std::move(looked.keyframe.later_views);
+    ++version_;
   }
   return true;
 }

@@ -1,10 +1,13 @@
 #include "acmp_mapping/map/loop_correction.h"
-#include "acmp_mapping/common/median.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <iterator>
+#include <map>
+#include <vector>
+
+#include "acmp_mapping/common/median.h"
 
 namespace acmp {
 namespace {
@@ -48,26 +51,29 @@ struct NamedKeyframe {
   RigidTransform world_from_cam;
 };
 
-/// Corrections of keyframes, given in the order of their stamps.
-void CorrectNamed(const std::vector<NamedKeyframe>& named) {
+/// Keyframes of one trajectory that were taken together.
+using NamedCapture = std::vector<NamedKeyframe>;
+
+/// Corrections of the captures of one trajectory, given in its order.
+void CorrectNamed(const std::vector<NamedCapture>& captures) {
   std::vector<double> ratios;  // of the step from each to the next; negative: none
-  for (size_t i = 0; i + 1 < named.size(); ++i) {
-    const double before =
-        (named[i + 1].keyframe->received.translation() - named[i].keyframe->received.translation()).norm();
-    const double after = (named[i + 1].world_from_cam.translation() - named[i].world_from_cam.translation()).norm();
+  for (size_t i = 0; i + 1 < captures.size(); ++i) {
+    const NamedKeyframe &here = captures[i].front(), &next = captures[i + 1].front();
+    const double before = (next.keyframe->received.translation() - here.keyframe->received.translation()).norm();
+    const double after = (next.world_from_cam.translation() - here.world_from_cam.translation()).norm();
     ratios.push_back(before > 0 ? after / before : -1);
   }
-  for (size_t i = 0; i < named.size(); ++i) {
+  for (size_t i = 0; i < captures.size(); ++i) {
     std::vector<double> nearby;
     for (size_t step = i - std::min(i, kNeighbours); step < std::min(i + kNeighbours, ratios.size()); ++step) {
       if (ratios[step] >= 0) nearby.push_back(ratios[step]);
     }
-    const RigidTransform& received = named[i].keyframe->received;
-    Similarity& correction = named[i].keyframe->correction;
-    correction.scale = ScaleOf(nearby);
-    RigidTransform scaled = received;
-    scaled.translation() *= correction.scale;
-    correction.rigid = named[i].world_from_cam * scaled.inverse();
+    const double scale = ScaleOf(nearby);
+    for (const NamedKeyframe& named : captures[i]) {
+      RigidTransform scaled = named.keyframe->received;
+      scaled.translation() *= scale;
+      named.keyframe->correction = {named.world_from_cam * scaled.inverse(), scale};
+    }
   }
 }
 
@@ -85,7 +91,7 @@ bool IsWithin(const Surroundings& allowed, const CorrectedPose& keyframe, const 
 void NameKeyframes(const std::vector<StampedPose>& path, const Surroundings& allowed,
                    const std::vector<CorrectedPose*>& keyframes, ReposeResult* result) {
   std::vector<bool> used(path.size());
-  std::vector<NamedKeyframe> named;
+  std::map<size_t, std::vector<NamedCapture>> named;  // of each trajectory
   for (CorrectedPose* keyframe : keyframes) {
     if (!keyframe->path.child_from_cam) {
       ++result->unresolved;
@@ -101,9 +107,12 @@ void NameKeyframes(const std::vector<StampedPose>& path, const Surroundings& all
     if (!IsWithin(allowed, *keyframe, world_from_cam, 1, path[nearest], result)) continue;
     ++result->named;
     keyframe->named = keyframe->seeded = true;
-    named.push_back({keyframe, world_from_cam});
+    std::vector<NamedCapture>& captures = named[keyframe->trajectory];
+    const bool begins = captures.empty() || captures.back().front().keyframe->stamp_ns != keyframe->stamp_ns;
+    if (begins) captures.emplace_back();
+    captures.back().push_back({keyframe, world_from_cam});
   }
-  CorrectNamed(named);
+  for (const auto& [trajectory, captures] : named) CorrectNamed(captures);
   result->unmatched = static_cast<size_t>(std::count(used.begin(), used.end(), false));
 }
 

@@ -22,7 +22,7 @@ MapStore::Snapshot MapStore::TakeSnapshot() const {
 std::vector<PlacedKeyframe> MapStore::Place(const Snapshot& snapshot) {
   std::vector<PlacedKeyframe> placed;
   placed.reserve(snapshot.keyframes.size());
-  std::vector<RefinedAndReceived> trajectory;  // of one run
+  std::vector<TrajectoryKeyframe> trajectory;  // of one run
   std::vector<size_t> members;
   const auto place_trajectory = [&] {
     const std::vector<std::optional<PlacedCamera>> cameras = PlaceAlong(trajectory);
@@ -42,7 +42,7 @@ std::vector<PlacedKeyframe> MapStore::Place(const Snapshot& snapshot) {
     last = &key;
     const CorrectedPose& pose = keyframe.pose;
     if (keyframe.as_sent.refined) {
-      trajectory.push_back({keyframe.as_sent.refined->refined, pose.world_from_cam});
+      trajectory.push_back({pose.stamp_ns, {keyframe.as_sent.refined->refined, pose.world_from_cam}});
       members.push_back(placed.size());
     }
     placed.push_back({pose.Placed(keyframe.as_sent.world_from_cam), pose.scale, keyframe.points_in_camera,

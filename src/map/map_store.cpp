@@ -110,12 +110,8 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
   ApplyPath();
   Evict();
   ThinImages(&inserted);
-  const std::vector<KeyframeKey> around = Around(key);
-  if (!around.empty()) {
-    Keyframe& added = keyframes_.at(key);
-    added.to_look = std::make_shared<const ToLook>(ToLook{pose, added.points_in_camera, around});
-    to_look_.push_back(key);
-  }
+  std::vector<KeyframeKey> around = Around(key, std::numeric_limits<int64_t>::min());
+  if (!around.empty()) to_look_.push_back({{key, pose, inserted.points_in_camera}, std::move(around), {}});
   ++version_;
   return true;
 }
@@ -129,7 +125,6 @@ MapStore::Keyframe& MapStore::Insert(SessionKeyframe added, double reach) {
   keyframe.pose.received = keyframe.pose.world_from_cam = added.pose.received();
   keyframe.as_sent = std::move(added.pose);
   statistics_.points += added.points_in_camera->size();
-  keyframe.later_views.resize(added.points_in_camera->size());
   keyframe.points_in_camera = std::move(added.points_in_camera);
   keyframe.image = std::move(added.image);
   if (keyframe.image) {
@@ -190,8 +185,14 @@ bool MapStore::Replace(const KeyframeKey& key, const KeyframePose& pose, const P
   statistics_.points += thinned.points->size();
   statistics_.points -= points->size();
   points = std::move(thinned.points);
-  keyframe->second.later_views.assign(points->size(), {});
+  keyframe->second.later_views.reset();
   keyframe->second.points_arrival = arrivals_++;
+  ToLook to_look = {{key, keyframe->second.as_sent, points}, {}, {}};
+  for (const KeyframeKey& other : Around(key, corrected.stamp_ns + 1)) {
+    const Keyframe& later = keyframes_.at(other);
+    to_look.later.push_back({other, later.as_sent, later.points_in_camera});
+  }
+  if (!to_look.later.empty()) to_look_.push_back(std::move(to_look));
   ++statistics_.replaced;
   ++version_;
   return true;
@@ -222,7 +223,9 @@ ReposeResult MapStore::ApplyPath() {
   if (path_.empty()) return {};
   std::vector<CorrectedPose*> trajectory;
   for (auto& [key, keyframe] : keyframes_) {
-    if (IsOfLastRun(key)) trajectory.push_back(&keyframe.pose);
+    if (!IsOfLastRun(key)) continue;
+    keyframe.pose.trajectory = static_cast<size_t>(std::distance(runs_.begin(), runs_.find(key.mapper)));
+    trajectory.push_back(&keyframe.pose);
   }
   std::stable_sort(trajectory.begin(), trajectory.end(),
                    [](const CorrectedPose* a, const CorrectedPose* b) { return a->stamp_ns < b->stamp_ns; });
@@ -277,7 +280,10 @@ size_t MapStore::EraseIf(const Predicate& is_to_go) {
 
 MapStore::Keyframes::iterator MapStore::Erase(Keyframes::const_iterator keyframe) {
   statistics_.points -= keyframe->second.points_in_camera->size();
-  if (keyframe->second.to_look) ++statistics_.never_looked;
+  const auto has_gone = [&](const ToLook& look) { return look.keyframe.key == keyframe->first; };
+  const auto left = std::remove_if(to_look_.begin(), to_look_.end(), has_gone);
+  statistics_.never_looked += left == to_look_.end() ? 0 : 1;
+  to_look_.erase(left, to_look_.end());
   ++version_;
   return keyframes_.erase(keyframe);
 }
@@ -369,8 +375,8 @@ MapStatistics MapStore::statistics() const {
   statistics.keyframes = keyframes_.size();
   statistics.voxel_size = VoxelSize();
   statistics.image_stride = image_stride_;
+  statistics.yet_to_look = to_look_.size();
   for (const auto& [key, keyframe] : keyframes_) {
-    statistics.yet_to_look += keyframe.to_look ? 1 : 0;
     statistics.images += keyframe.image ? 1 : 0;
     statistics.image_bytes += keyframe.image ? keyframe.image->bytes() : 0;
     statistics.smallest_scale = std::min(statistics.smallest_scale, keyframe.pose.scale);

@@ -114,12 +114,12 @@ class OnlineSchedule {
 
   /// As the map does with the nodelet's keyframes.
   void PlaceRefined() {
-    std::vector<RefinedAndReceived> keyframes;
+    std::vector<TrajectoryKeyframe> keyframes;
     std::vector<int> indices;
     for (const ImagePlan& image : run_.plan.images) {
       const auto refined = refined_.find(image.index);
       if (refined == refined_.end() || !image.no_map.empty()) continue;
-      keyframes.push_back(refined->second);
+      keyframes.push_back({ImagesOfFile(run_.scene, image.index).first, refined->second});
       indices.push_back(image.index);
     }
     const std::vector<std::optional<PlacedCamera>> placed = PlaceAlong(keyframes);

@@ -179,6 +179,29 @@ TEST(MapRepose, APathOfAnotherScaleScalesThePoints) {
   }
 }
 
+/// Steps from face to face of a wide image, or from one camera of a rig to the other, are not those of the trajectory.
+TEST(MapRepose, APathOfAnotherScaleScalesThePointsOfAllFacesAndCameras) {
+  constexpr double kScale = 1.2;
+  for (int faces = 1; faces <= 6; ++faces) {
+    MapStore store({1000, 0.1});
+    std::vector<StampedPose> path;
+    for (int i = 0; i < 30; ++i) {
+      for (int face = 0; face < faces; ++face) {
+        PathConvention convention;
+        convention.child_from_cam->linear() = Pose(0, 0, face * M_PI / 3).linear();
+        for (const char* mapper : {"left", "right"}) {
+          Add(&store, static_cast<uint64_t>(i * faces + face), i * kSecond, Pose(i, 0, face * M_PI / 3), mapper, 0,
+              convention);
+        }
+      }
+      path.push_back({i * kSecond, Pose(kScale * i, 7)});
+    }
+    store.Repose(path);
+    for (const PlacedKeyframe& keyframe : store.Placed().keyframes)
+      EXPECT_NEAR(keyframe.scale, kScale, kExact) << faces;
+  }
+}
+
 TEST(MapRepose, ACorrectionOfPosesAloneScalesNothing) {
   MapStore store({100, 0.1});
   AddKeyframes(&store, 40);

@@ -28,10 +28,12 @@ struct PosePair {
 constexpr size_t kMinForSimilarity = 4;
 
 /// The similarity that takes poses of a trajectory, in its order, from their first world to their second: mean of the
-/// rotations and of the centres, and the scale by least squares of the baselines from each pose to the fourth after it.
-/// Least squares of all centres would take a drift of the trajectory for a scale (1 % for a headset's tracker whose
-/// baselines are right to 0.1 %). A trajectory may be straight, so that its centres alone do not tell the rotation. The
-/// identity for fewer than kMinForSimilarity poses; scale 1 where the baselines do not tell it.
+/// rotations and of the centres, and the scale by the baselines from each pose to the fourth after it. Noise of the
+/// centres does not change it, also where the camera is slow: a baseline is compared along the one that begins a pose
+/// later, whose noise is another (an instrumental variable), and not along itself, as least squares do. Least squares
+/// of all centres would take a drift of the trajectory for a scale (1 % for a headset's tracker whose baselines are
+/// right to 0.1 %). A trajectory may be straight, so that its centres alone do not tell the rotation. The identity for
+/// fewer than kMinForSimilarity poses; scale 1 where the baselines do not tell it.
 Similarity FitSimilarity(const std::vector<PosePair>& poses);
 
 /// How far along a trajectory AlignAlong looks, poses to each side: for the place, and for the scale.
@@ -67,10 +69,17 @@ struct PlacedCamera {
   double scale = 1;  ///< of the points' positions, before they are moved
 };
 
-/// Places the keyframes of a trajectory, given in the order of their stamps: each world of refined poses is fitted to
-/// the received ones along the trajectory (AlignAlong). So a map keeps the form that the images gave it, and goes where
-/// the frontend says that it is. A frontend's scale may fall by a fifth and come back within a minute; points that
-/// follow it at once do not fit together. None for keyframes of a world that has too few to tell where it lies.
-std::vector<std::optional<PlacedCamera>> PlaceAlong(const std::vector<RefinedAndReceived>& keyframes);
+/// A keyframe on a trajectory.
+struct TrajectoryKeyframe {
+  int64_t capture = 0;  ///< the same for keyframes that were taken together (faces of a wide image)
+  RefinedAndReceived poses;
+};
+
+/// Places the keyframes of a trajectory, given in its order: each world of refined poses is fitted to the received ones
+/// along the trajectory (AlignAlong), of whose captures each counts once. So a map keeps the form that the images gave
+/// it, and goes where the frontend says that it is. A frontend's scale may fall by a fifth and come back within a
+/// minute; points that follow it at once do not fit together. None for keyframes of a world that has too few captures
+/// to tell where it lies.
+std::vector<std::optional<PlacedCamera>> PlaceAlong(const std::vector<TrajectoryKeyframe>& keyframes);
 
 }  // namespace acmp

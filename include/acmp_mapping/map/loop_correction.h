@@ -28,6 +28,7 @@ struct PathConvention {
 /// A keyframe's pose as received and as corrected by loop closures.
 struct CorrectedPose {
   int64_t stamp_ns = 0;
+  size_t trajectory = 0;  ///< whose: keyframes of one trajectory with one stamp are of one capture
   PathConvention path;
   RigidTransform received = RigidTransform::Identity();        ///< world_from_cam of the pose input
   RigidTransform world_from_cam = RigidTransform::Identity();  ///< in use
@@ -79,7 +80,7 @@ struct ReposeResult {
   std::optional<TooFar> first_too_far;
 };
 
-/// Corrects keyframes of one trajectory, given in the order of their stamps, by a sorted path.
+/// Corrects keyframes that share a path, given in the order of their stamps, by that path, sorted.
 ///
 /// A keyframe that the path names gets the pose of the path. One that it does not name keeps what an earlier path gave
 /// it. One that was never named moves rigidly with the nearest earlier keyframe that was, or, before the first of
@@ -87,10 +88,10 @@ struct ReposeResult {
 /// neighbouring keyframe sees the same surfaces, which must not come apart. Corrections start from the received poses,
 /// so the same path again changes nothing, and the order in which keyframes and paths come does not matter.
 ///
-/// A path may have another scale, which may change along it: distances between neighbouring named keyframes, five steps
-/// to each side, are compared with those before. Where three quarters of the ratios agree within 10 % and their median
-/// is off 1 by more than 2 %, it is the keyframe's scale, also of its points. Else that is 1, since a correction of
-/// poses alone changes distances as well.
+/// A path may have another scale, which may change along it: steps from one named capture of a trajectory to the next,
+/// five to each side, are compared with those before. Where three quarters of the ratios agree within 10 % and their
+/// median is off 1 by more than 2 %, it is the scale of the capture's keyframes, also of their points. Else that is 1,
+/// since a correction of poses alone changes distances as well.
 ///
 /// A pose of the path that would put a keyframe's points too far away is taken as if it were not there; a keyframe that
 /// others would move so far stays where it is. Both are counted (too_far).
