@@ -99,9 +99,14 @@ MapCloud CloudOf(const PlacedKeyframes& map) {
 }
 
 std::vector<StampedPose> MapStore::Path() const {
+  const Snapshot snapshot = TakeSnapshot();
+  const std::vector<PlacedKeyframe> placed = Place(snapshot);
   std::vector<StampedPose> path;
-  for (const PlacedKeyframe& keyframe : Place(TakeSnapshot()))
-    path.push_back({keyframe.stamp_ns, keyframe.world_from_cam});
+  for (size_t i = 0; i < placed.size(); ++i) {
+    const auto key = [&](size_t k) -> const KeyframeKey& { return snapshot.keyframes[k].key; };
+    if (i > 0 && IsSameCapture(key(i - 1), placed[i - 1].stamp_ns, key(i), placed[i].stamp_ns)) continue;
+    path.push_back({placed[i].stamp_ns, placed[i].world_from_cam});
+  }
   return path;
 }
 

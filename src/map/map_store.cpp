@@ -5,6 +5,7 @@
 #include <iterator>
 #include <limits>
 #include <set>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -250,10 +251,23 @@ void MapStore::Evict() {
                           [&](const auto& camera) { return (position - camera.second).norm() <= options_.map_radius; });
     });
   }
-  while (keyframes_.size() > static_cast<size_t>(options_.max_keyframes)) {
-    Erase(Oldest());
-    ++statistics_.evicted;
+  for (size_t captures = NumCaptures(); captures > static_cast<size_t>(options_.max_keyframes); --captures) {
+    const KeyframeKey key = Oldest()->first;
+    const int64_t stamp_ns = Oldest()->second.pose.stamp_ns;
+    statistics_.evicted += EraseIf([&](const KeyframeKey& other, const Keyframe& keyframe) {
+      return IsSameCapture(key, stamp_ns, other, keyframe.pose.stamp_ns);
+    });
   }
+}
+
+size_t MapStore::NumCaptures() const {
+  size_t captures = 0;
+  for (auto keyframe = keyframes_.begin(), last = keyframe; keyframe != keyframes_.end(); last = keyframe++) {
+    const bool goes_on = keyframe != last && IsSameCapture(last->first, last->second.pose.stamp_ns, keyframe->first,
+                                                           keyframe->second.pose.stamp_ns);
+    captures += goes_on ? 0 : 1;
+  }
+  return captures;
 }
 
 void MapStore::ThinImages(Keyframe* newest) {
@@ -302,9 +316,12 @@ void MapStore::Clear() {
 }
 
 void MapStore::CheckCanJoin(const MapSession& session) const {
-  const size_t keyframes = keyframes_.size() + session.keyframes.size();
-  if (keyframes > static_cast<size_t>(options_.max_keyframes)) {
-    throw InvalidInputError(Concat(session.keyframes.size(), " keyframes, and ", keyframes_.size(),
+  std::set<std::tuple<std::string, uint64_t, int64_t>> captures;
+  for (const auto& [key, pose, points, image] : session.keyframes) {
+    captures.emplace(key.mapper, key.run, pose.stamp_ns);
+  }
+  if (captures.size() + NumCaptures() > static_cast<size_t>(options_.max_keyframes)) {
+    throw InvalidInputError(Concat(captures.size(), " keyframes, and ", NumCaptures(),
                                    " are in the map: together at most max_keyframes = ", options_.max_keyframes,
                                    "; raise it"));
   }

@@ -179,6 +179,7 @@ TEST(MapSession, AllOrNothing) {
                 for (uint64_t id = 20; id < 22; ++id) {
                   s->keyframes.push_back(s->keyframes[0]);
                   s->keyframes.back().key.id = id;
+                  s->keyframes.back().pose.stamp_ns = static_cast<int64_t>(id);
                 }
               }),
               HasAll("4 keyframes, and 1 are in the map", "max_keyframes = 4"));

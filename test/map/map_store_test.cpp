@@ -303,6 +303,21 @@ TEST(MapStore, WhatSomeConfirmStaysAndGainsConfidence) {
   EXPECT_EQ(session.keyframes[2].points_in_camera->at(2400).confidence, 0.5f);
 }
 
+TEST(MapStore, FacesOfAWideImageAreOneCapture) {
+  MapStore store({2, 0.1});
+  for (uint64_t id = 0; id < 9; ++id) {
+    const auto stamp_ns = static_cast<int64_t>(id / 3);
+    EXPECT_TRUE(store.Add(Key(id), {stamp_ns, Shifted(static_cast<double>(stamp_ns)), {}}, PlaneAt(2, 3, 1)));
+    EXPECT_EQ(store.Path().size(), std::min<size_t>(id / 3 + 1, 2));
+  }
+  EXPECT_EQ(store.statistics().keyframes, 6u) << "of two captures; the first one went as a whole";
+  EXPECT_EQ(store.statistics().evicted, 3u);
+  MapStore other({1, 0.1}), large({2, 0.1});
+  EXPECT_THROW(other.Join(store.Session(), RigidTransform::Identity()), InvalidInputError);
+  large.Join(store.Session(), RigidTransform::Identity());
+  EXPECT_EQ(large.statistics().keyframes, 6u);
+}
+
 /// Refined again: what later keyframes have seen through does not come back.
 TEST(MapStore, WhatWasLookedThroughStaysAwayWhenPointsAreReplaced) {
   MapStore store({50, 0.02});

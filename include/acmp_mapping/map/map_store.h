@@ -21,8 +21,10 @@
 namespace acmp {
 
 struct MapStoreOptions {
-  int max_keyframes = 500;  ///< of all mappers together; those that came first go first, 1..1000000
-  double voxel_size = 0;    ///< unit of the poses, >= 0; 0 = kAutoVoxelRatio of the first keyframe's median depth
+  /// Captures of all mappers together (a wide image is one, with a keyframe for each face); those that came first go
+  /// first, 1..1000000.
+  int max_keyframes = 500;
+  double voxel_size = 0;  ///< unit of the poses, >= 0; 0 = kAutoVoxelRatio of the first keyframe's median depth
   /// Unit of the poses, >= 0; keyframes farther than this from the newest one of every mapper go; 0 = no limit.
   double map_radius = 0;
   bool forget_earlier_runs = false;  ///< a mapper's keyframes go when it begins a new run
@@ -64,6 +66,11 @@ struct KeyframeKey {
     return std::tie(mapper, run, id) == std::tie(other.mapper, other.run, other.id);
   }
 };
+
+/// Whether two keyframes were taken together: faces of a wide image.
+inline bool IsSameCapture(const KeyframeKey& a, int64_t a_stamp_ns, const KeyframeKey& b, int64_t b_stamp_ns) {
+  return a_stamp_ns == b_stamp_ns && a.run == b.run && a.mapper == b.mapper;
+}
 
 /// A keyframe's place in time and space, and what saw it.
 struct KeyframePose {
@@ -218,7 +225,7 @@ class MapStore {
   /// The keyframes at the poses in use.
   PlacedKeyframes Placed() const;
 
-  /// Poses in use (T_world_cam) of all keyframes, by mapper and run, each in the order of ids.
+  /// Poses in use (T_world_cam) of all captures, each by its first keyframe: by mapper and run, in the order of ids.
   std::vector<StampedPose> Path() const;
 
   MapStatistics statistics() const;
@@ -283,6 +290,7 @@ class MapStore {
   /// Of the local coordinates: about where the first keyframe stands. @param world_from_cam of the first one to come
   Eigen::Vector3d Origin(double voxel_size, const RigidTransform& world_from_cam = RigidTransform::Identity()) const;
   Keyframes::const_iterator Oldest() const;
+  size_t NumCaptures() const;
   bool IsOfLastRun(const KeyframeKey& key) const;
   void CheckCanJoin(const MapSession& session) const;
   double VoxelSize() const { return options_.voxel_size > 0 ? options_.voxel_size : auto_voxel_size_; }
