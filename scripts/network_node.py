@@ -460,8 +460,9 @@ class Node:
         try:
             return decoded(message.data, self.size, UNTOLD_PIXELS if self.size is None else 1 << 28)
         except Refused as error:
-            unknown = f" (no camera_info has come on {self.infos.resolved_name})" if self.size is None else ""
-            raise Refused(f"{error}{unknown}") from error
+            if self.size is None and "at most" in str(error):
+                raise Refused(f"{error} (no camera_info has come on {self.infos.resolved_name})") from error
+            raise
 
     def publish(self, header, plane):
         image = self.ros.Image(header=header, height=plane.shape[0], width=plane.shape[1],
