@@ -122,7 +122,9 @@ int Run(int argc, char** argv) {
 int main(int argc, char** argv) {
   try {
     return Run(argc, argv);
-  } catch (...) {  // before the command line was declared: no memory, no thread
-    return acmp::kExitFailed;
+  } catch (const std::exception& error) {  // before the command line was declared: no memory, no thread
+    std::cerr << "acmp_reconstruct: " << error.what() << '\n';
+  } catch (...) {
   }
+  return acmp::kExitFailed;
 }

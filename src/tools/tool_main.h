@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <exception>
 #include <iostream>
+#include <new>
 #include <string>
 #include <vector>
 
@@ -62,6 +63,9 @@ int RunTool(CLI::App& app, int argc, char** argv, const Body& body) {
   } catch (const InvalidInputError& error) {
     std::cerr << app.get_name() << ": " << error.what() << '\n';
     return kExitBadInput;
+  } catch (const std::bad_alloc&) {
+    std::cerr << app.get_name() << ": there is not enough memory\n";
+    return kExitFailed;
   } catch (const std::exception& error) {
     std::cerr << app.get_name() << ": " << error.what() << '\n';
     return kExitFailed;
