@@ -121,9 +121,15 @@ void FolderRecord::CheckUnchanged() const {
 void FolderRecord::Claim(const std::set<std::string>& names) {
   bool is_new = false;
   for (const std::string& name : names) {
-    if (!files_.emplace(name, std::nullopt).second) continue;
+    if (files_.count(name) > 0) continue;
     std::error_code error;
-    if (fs::exists(fs::symlink_status(folder_ / name, error))) RefuseForeign(folder_, name);
+    if (fs::exists(fs::symlink_status(folder_ / name, error))) {
+      files_.merge(
+          FolderRecord(folder_).files_);  // another process of the same run may have listed and written it since
+      if (files_.count(name) == 0) RefuseForeign(folder_, name);
+      continue;
+    }
+    files_.emplace(name, std::nullopt);
     is_new = true;
   }
   if (!is_new) return;

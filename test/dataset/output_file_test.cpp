@@ -131,6 +131,14 @@ TEST_F(OutputFileTest, ARecordSaysWhoseFilesAre) {
   EXPECT_REFUSED(FolderRecord{folder()}, "must be a file");
 }
 
+TEST_F(OutputFileTest, ProcessesOfOneRunMayClaimTheSameAtOnce) {
+  FolderRecord one(folder()), other(folder());
+  one.Claim({"a", "b"});
+  WriteText("a", "ours");
+  other.Claim({"a", "b"});
+  EXPECT_EQ(FolderRecord(folder()).files().size(), 2u);
+}
+
 TEST_F(OutputFileTest, AFileWithASecondNameIsNotWrittenTo) {
   const auto other = WriteText("other", "precious");
   std::filesystem::create_hard_link(other, folder() / "map.acmp.partial");
