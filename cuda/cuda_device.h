@@ -6,11 +6,11 @@
 #include <cstddef>
 #include <memory>
 #include <mutex>
-#include <shared_mutex>
 #include <string>
 #include <utility>
 
 #include "cuda_resources.h"
+#include "fair_shared_mutex.h"
 #include "texture_pool.h"
 
 namespace acmp {
@@ -40,7 +40,7 @@ class CudaDevice {
   /// Images halved `level` times.
   TexturePool& images(int level) { return images_[static_cast<size_t>(level)]; }
   /// Held shared by whoever reads or fills images, alone by a pool that grows.
-  std::shared_mutex& images_mutex() { return images_mutex_; }
+  FairSharedMutex& images_mutex() { return images_mutex_; }
 
   /// The turn of a pass over so many pixels. A pass that fills the device many times over gains nothing from another
   /// one beside it: both would only end later, and with them the triangulations that wait for them. Small passes, whose
@@ -52,7 +52,7 @@ class CudaDevice {
   cudaDeviceProp properties_ = {};
   cudaMemPool_t pool_ = nullptr;
   std::unique_ptr<CudaStream> memory_stream_;  ///< on which memory changes hands
-  std::shared_mutex images_mutex_;
+  FairSharedMutex images_mutex_;
   std::mutex pass_turn_;
   std::array<TexturePool, 3> images_;
 };

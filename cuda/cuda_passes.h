@@ -36,7 +36,7 @@ class CudaPasses : public CudaTransfers {
       const std::shared_ptr<CudaEstimate> estimate =
           pass.kind == Pass::kPhotometric ? NewEstimate(camera) : Continue(pass.start);
       const std::unique_lock<std::mutex> turn = device_->PassTurn(pixels);
-      const std::shared_lock<std::shared_mutex> images(device_->images_mutex());
+      const std::shared_lock<FairSharedMutex> images(device_->images_mutex());
       CudaMatchContext context =
           MakeContext(problem, match, level, options, pass.kind, pass.geometric_pass, estimate.get());
       if (pass.prior != nullptr) {
@@ -86,7 +86,7 @@ class CudaPasses : public CudaTransfers {
     return OnDevice([&] {
       const std::shared_ptr<CudaEstimate> estimate = Continue(start);
       const std::unique_lock<std::mutex> turn = device_->PassTurn(estimate->Pixels());
-      const std::shared_lock<std::shared_mutex> images(device_->images_mutex());
+      const std::shared_lock<FairSharedMutex> images(device_->images_mutex());
       const CudaMatchContext context =
           MakeContext(problem, match, level, options, Pass::kPhotometric, 0, estimate.get());
       StartClock();
@@ -123,7 +123,7 @@ class CudaPasses : public CudaTransfers {
     CheckStartSize(start, camera);
     return OnDevice([&] {
       const std::shared_ptr<CudaEstimate> estimate = Continue(start);
-      const std::shared_lock<std::shared_mutex> images(device_->images_mutex());
+      const std::shared_lock<FairSharedMutex> images(device_->images_mutex());
       const CudaMatchContext context = MakeContext(problem, match, 0, {}, Pass::kGeometric, 0, estimate.get());
       FillContext textured = MakeTexturedContext(camera, estimate->planes.View(), estimate->cost.View());
       const int cols = CellsOf(camera.width, textured.cell_size), rows = CellsOf(camera.height, textured.cell_size);

@@ -42,7 +42,7 @@ class CudaTransfers : public DepthEngine {
         image->layers.push_back(
             device_->images(level).Acquire(camera.width, camera.height, stream_, &device_->images_mutex()));
       }
-      const std::shared_lock<std::shared_mutex> images(device_->images_mutex());
+      const std::shared_lock<FairSharedMutex> images(device_->images_mutex());
       device_->images(0).Upload(frame->gray.View(), image->Layer(0), &staging_, stream_);
       for (int level = 1; level <= levels; ++level) {
         device_->images(level).QueueHalf(device_->images(level - 1), image->Layer(level - 1), image->Layer(level),

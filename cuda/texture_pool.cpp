@@ -71,14 +71,12 @@ int TexturePool::TakeFreeLayer(int width, int height) {
   return static_cast<int>(free - layers_.begin());
 }
 
-int TexturePool::Acquire(int width, int height, const CudaStream& stream, std::shared_mutex* images) {
+int TexturePool::Acquire(int width, int height, const CudaStream& stream, FairSharedMutex* images) {
   int layer = TakeFreeLayer(width, height);
   while (layer < 0) {
-    {
-      const std::unique_lock<std::shared_mutex> alone(*images);
-      Grow(width, height, stream);
-    }
-    layer = TakeFreeLayer(width, height);  // another thread may have been faster
+    const std::unique_lock<FairSharedMutex> alone(*images);
+    layer = TakeFreeLayer(width, height);  // of a pool that has grown meanwhile
+    if (layer < 0) Grow(width, height, stream);
   }
   return layer;
 }

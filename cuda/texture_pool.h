@@ -4,11 +4,11 @@
 
 #include <cstdint>
 #include <mutex>
-#include <shared_mutex>
 #include <vector>
 
 #include "acmp_mapping/image/image.h"
 #include "cuda_resources.h"
+#include "fair_shared_mutex.h"
 
 namespace acmp {
 
@@ -24,7 +24,7 @@ class TexturePool {
   TexturePool& operator=(const TexturePool&) = delete;
 
   /// Takes a layer for an image of this size. `images` is held alone while the pool grows.
-  int Acquire(int width, int height, const CudaStream& stream, std::shared_mutex* images);
+  int Acquire(int width, int height, const CudaStream& stream, FairSharedMutex* images);
   /// Gives the layer back; nobody may be reading it.
   void Release(int layer) noexcept;
 

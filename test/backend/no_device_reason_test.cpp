@@ -4,9 +4,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <shared_mutex>
+#include <thread>
 
 namespace acmp {
 namespace {
@@ -64,6 +67,25 @@ TEST_F(ForbiddenDeviceFileTest, ReadingIsNotEnough) {
 TEST_F(ForbiddenDeviceFileTest, NoFolderIsNoFile) {
   folder_ += "/none";
   EXPECT_EQ(Found(), "");
+}
+
+TEST(FairSharedMutexTest, WhoWaitsToBeAloneGoesBeforeReadersThatComeLater) {
+  FairSharedMutex mutex;
+  mutex.lock_shared();
+  std::atomic<bool> was_alone{false};
+  std::thread alone([&] {
+    const std::lock_guard<FairSharedMutex> lock(mutex);
+    was_alone = true;
+  });
+  // From when the other thread waits on no reader comes in. Where readers go first this never ends.
+  while (mutex.try_lock_shared()) mutex.unlock_shared();
+  EXPECT_FALSE(was_alone);
+  mutex.unlock_shared();
+  alone.join();
+  EXPECT_TRUE(was_alone);
+  const std::shared_lock<FairSharedMutex> reader(mutex);
+  EXPECT_TRUE(mutex.try_lock_shared()) << "readers share it";
+  mutex.unlock_shared();
 }
 
 }  // namespace
