@@ -90,6 +90,22 @@ constexpr SampleDistances MakeSampleDistances() {
 
 constexpr SampleDistances kSampleDistances = MakeSampleDistances();
 
+/// Places of the samples from the centre, px.
+struct SamplePlaces {
+  int col[kPatchSamples], row[kPatchSamples];
+};
+
+constexpr SamplePlaces MakeSamplePlaces() {
+  SamplePlaces places = {};
+  for (int i = 0; i < kPatchSamples; ++i) {
+    places.col[i] = WindowCol(i);
+    places.row[i] = WindowRow(i);
+  }
+  return places;
+}
+
+constexpr SamplePlaces kSamplePlaces = MakeSamplePlaces();
+
 /// The reference's samples.
 struct PatchValues {
   alignas(32) float value[kPatchSamples];   ///< grey value minus the centre's; 0 outside the image
@@ -100,9 +116,17 @@ ACMP_PART void LoadValues(const ImageView<const float>& reference, int col, int 
   const float center = reference(col, row);
   const bool whole = reference.Contains(col - kPatchRadius, row - kPatchRadius) &&
                      reference.Contains(col + kPatchRadius, row + kPatchRadius);
+  if (whole) {
+    const float* middle = &reference(col, row);
+    for (int i = 0; i < kPatchSamples; ++i) {
+      values->value[i] = middle[kSamplePlaces.row[i] * reference.stride + kSamplePlaces.col[i]] - center;
+      values->inside[i] = 1.0f;
+    }
+    return;
+  }
   for (int i = 0; i < kPatchSamples; ++i) {
-    const int x = col + WindowCol(i), y = row + WindowRow(i);
-    const bool inside = whole || reference.Contains(x, y);
+    const int x = col + kSamplePlaces.col[i], y = row + kSamplePlaces.row[i];
+    const bool inside = reference.Contains(x, y);
     values->value[i] = inside ? reference(x, y) - center : 0.0f;
     values->inside[i] = inside ? 1.0f : 0.0f;
   }
