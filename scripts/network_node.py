@@ -3,7 +3,9 @@
 topic mask. A YAML file says which network and how it is fed (config/networks).
 
     roslaunch acmp_mapping dense_mapper.launch depth_network:=midas_small.yaml mask_network:=$PWD/my_people.yaml ...
-    network_node.py NETWORK.yaml --images IMAGES OUT      # for acmp_reconstruct --prior-depth OUT, or --masks OUT
+    network_node.py midas_small.yaml --images IMAGES OUT  # for acmp_reconstruct --prior-depth OUT, or --masks OUT
+
+A name without a folder is a file there, or of config/networks.
 
 As a node it takes topic image as the mapper does (parameters image_transport and overload of dense_mapper), and
 publishes with the image's stamp and frame. Images that come while the network is busy are skipped, but for the newest;
@@ -53,6 +55,9 @@ ALIASES = {"8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8", "uyvy": "yuv4228", 
 
 WAITING_BYTES = 1 << 30  # of images that wait with overload: block
 UNTOLD_PIXELS = 1 << 24  # of a picture whose size no camera_info has told
+# In the sources, and where the package is installed.
+SHIPPED = [Path(__file__).resolve().parents[1] / "config/networks",
+           Path(__file__).resolve().parents[2] / "share/acmp_mapping/config/networks"]
 
 
 class Refused(Exception):
@@ -85,11 +90,23 @@ def read_file(path, max_bytes=1 << 30):
         return file.read(max_bytes)
 
 
+def find_description(name):
+    """The file of that name, or that of config/networks, with or without its ending. Refused: names those that are there."""
+    shipped = next((folder for folder in SHIPPED if folder.is_dir()), SHIPPED[0])
+    for path in (Path(name), shipped / name, shipped / f"{name}.yaml"):
+        if path.exists():
+            return path
+    names = sorted(path.name for path in shipped.glob("*.yaml"))
+    near = difflib.get_close_matches(Path(name).name, names, 1)
+    raise Refused(f"{name}: there is no such file{f': {near[0]}?' if near else ''}; config/networks has {', '.join(names)}")
+
+
 class Description:
     """What a YAML file says of a network. Throws Refused where it names key, value and bound."""
 
     def __init__(self, path):
         try:
+            path = str(find_description(path))
             content = yaml.load(read_file(path, 1 << 20).decode("utf-8"), Loader)  # a SafeLoader
         except (OSError, yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no UTF-8, too many digits
             raise Refused(f"{path}: {error}") from error
@@ -408,7 +425,8 @@ class Node:
             kind, own = ros.CompressedImage, "image/compressed"
             topic = ros.rospy.resolve_name(own)
             if topic == ros.rospy.get_namespace() + own:
-                topic = ros.rospy.resolve_name("image") + "/compressed"
+                topic = ros.rospy.resolve_name("image")
+                topic += "" if topic.endswith("/compressed") else "/compressed"  # a name that ends so is the whole one
             picture_decoder()
             self.infos = ros.rospy.Subscriber("camera_info", ros.CameraInfo, self.receive_info, queue_size=1)
         self.publisher = ros.rospy.Publisher("prior_depth" if network.description.is_depth else "mask", ros.Image,
@@ -514,7 +532,7 @@ def import_ros():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("network", help="YAML file")
+    parser.add_argument("network", help="YAML file, or the name of one of config/networks")
     parser.add_argument("--images", nargs=2, metavar=("IMAGES", "OUT"), help="of a folder, without ROS")
     parser.add_argument("--threads", type=int, default=0, help="with --images: of a CPU; 0: all")
     arguments, ros = parser.parse_args([word for word in sys.argv[1:] if ":=" not in word]), None

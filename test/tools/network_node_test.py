@@ -69,6 +69,13 @@ class Descriptions(TestCase):
         self.assertEqual(self.describe().file, self.folder / "tiny.onnx")
         self.assertEqual(self.describe(file="/other/tiny.onnx").file, Path("/other/tiny.onnx"))
 
+    def test_a_name_alone_is_one_of_those_that_are_shipped(self):
+        for name in "midas_small.yaml", "midas_small":
+            self.assertEqual(node.Description(name).kind, "inverse_depth")
+        for name in "midas_smal.yaml", "/opt/config/networks/midas_smal.yaml":
+            with self.assertRaisesRegex(node.Refused, r"midas_small\.yaml\?.*sky_u2net\.yaml"):
+                node.Description(name)
+
     def test_bad_values_are_named(self):
         bad = [(dict(file=None), "file: missing"), (dict(kind="disparity"), "'disparity': must be one of depth, inverse_depth"),
                (dict(longer_sid=320), "longer_sid: is not known: longer_side\\?"), (dict(qwzx=1), "qwzx: .*; known are file"),
@@ -91,7 +98,7 @@ class Descriptions(TestCase):
         for path in (self.folder / "pipe.yaml", "/dev/zero"):
             with self.assertRaisesRegex(node.Refused, "pipe or a device"):
                 node.Description(str(path))
-        with self.assertRaisesRegex(node.Refused, "No such file"):
+        with self.assertRaisesRegex(node.Refused, "no such file"):
             node.Description(str(self.folder / "none.yaml"))
 
     def test_the_input_keeps_the_images_shape_where_its_size_is_free(self):
@@ -417,6 +424,7 @@ class Nodes(TestCase):
     def test_it_takes_what_the_mapper_takes(self):
         for transport, remaps, topic in (("raw", {"image": "/cam0"}, "/cam0"),
                                          ("compressed", {"image": "/cam0"}, "/cam0/compressed"),
+                                         ("compressed", {"image": "/cam0/compressed"}, "/cam0/compressed"),
                                          ("compressed", {"image": "/cam0", "image/compressed": "/jpeg"}, "/jpeg")):
             ros = FakeRos({"image_transport": transport}, **remaps)
             self.assertEqual(node.Node(FakeNetwork(self.describe()), ros).subscriber.resolved_name, topic)
