@@ -7,7 +7,8 @@
 
 The kind of file is told by its keys: VINS (model_type), ORB-SLAM2 and 3 and stella_vslam (Camera.fx, Camera1.fx, Camera),
 OV2SLAM (Camera.fxl), Kalibr (cam0), SVO (cam_model), OKVIS, SVO and maplab (cameras, sensors), EuRoC or Kimera-VIO
-(intrinsics), basalt (value0), and OpenCV, ROVIO or camera_calibration (camera_matrix; as XML, too). Lens models become
+(intrinsics), basalt (value0), OpenCV, ROVIO or camera_calibration (camera_matrix; as XML or INI, too), a camera_info as
+`rostopic echo` prints it (K), and ZED's SN*.conf (of the size that --size says). Lens models become
 plumb_bob, rational_polynomial, equidistant, mei (of VINS' MEI and Kalibr's omni: D is xi k1 k2 p1 p2), double_sphere
 (xi alpha), eucm (alpha beta; UCM is that with beta 1) or equirectangular; others (FOV) are refused: rectify those images.
 Exit code 2: what the file lacks.
@@ -89,12 +90,33 @@ def read_xml(text):
         raise Refused("is no XML: %s" % error)
 
 
+def read_ini(text):
+    """Sections in their order, each with its values by name: "name=value", or a name above a line or rows of numbers."""
+    sections, name = [], None
+    for line in text.splitlines():
+        line = re.sub(r"(^|\s)[#;].*", "", line).strip()
+        header = re.fullmatch(r"\[(.*)\]", line)
+        if header:
+            sections.append((header.group(1), {}))
+        elif line and sections:
+            values = sections[-1][1]
+            if "=" in line:
+                name, _, line = (part.strip() for part in line.partition("="))
+                values[name] = line
+            elif re.match(r"[-+.\d]", line):
+                values.setdefault(name, []).extend(line.split())
+            else:
+                name = line
+                values[name] = []
+    return {"ini": sections}
+
+
 def read_content(text):
     """YAML, also as OpenCV reads it: text before "%YAML:1.0" (which is no directive of YAML), tabs, and no space after a
     colon."""
-    if re.search(r"^\[image\]\s*$", text, re.MULTILINE):
-        raise Refused("is an INI of camera_calibration: calibration_file takes it as it is")
-    if re.match(r"\s*<", text):
+    if re.search(r"^\s*\[(image|(LEFT|RIGHT)_CAM_\w+)\]\s*$", text, re.MULTILINE):
+        content = read_ini(text)
+    elif re.match(r"\s*<", text):
         content = read_xml(text)
     else:
         text = re.sub(r"\A(?:[^\n]*\n){0,20}?%YAML[^\n]*\n", "", text.replace("\r\n", "\n").replace("\r", "\n"))
@@ -102,7 +124,7 @@ def read_content(text):
         text = re.sub(r"^([ -]*[A-Za-z_][\w.]*):(?=[^\s:])", r"\1: ", text, flags=re.MULTILINE)
         text = re.sub(r"([{,]\s*[A-Za-z_][\w.]*):(?=[^\s:])", r"\1: ", text)
         try:
-            content = yaml.load(text, Loader)  # a SafeLoader
+            content = next(yaml.load_all(text, Loader), None)  # a SafeLoader; of messages, one after the other, the first
         except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a number of thousands of digits
             raise Refused("is no YAML: %s" % str(error).replace("\n", " "))
     if not isinstance(content, dict):
@@ -193,6 +215,8 @@ def lens(name, coefficients, where=""):
     if plain(name) not in MODELS:
         chosen(name, sorted(MODELS), where + "distortion model")
     model = MODELS[plain(name)]
+    if model == PLUMB_BOB and len(coefficients) >= 8 and any(coefficients[5:8]):
+        model = RATIONAL  # OpenCV has one list for both, and so have programs that write the name without a look at it
     least, most = COUNTS[model]
     if len(coefficients) < least and any(coefficients) and not (model == RATIONAL and len(coefficients) in (4, 5)):
         raise Refused(f"{where}{len(coefficients)} distortion coefficients: {model} has {most}")
@@ -331,17 +355,52 @@ def from_matrix(content, index):
     coefficients = content.list(first("distortion_coefficients", "distcoeffs", f"d{index + 1}", "d"))
     fisheye = content.number(first("fisheyemodel"), 0.0) != 0
     by_count = EQUIDISTANT if fisheye else PLUMB_BOB if len(coefficients) <= 5 else RATIONAL
-    size = [content.number(first("image_" + side), 0.0) for side in ("width", "height")]
-    rectification = {name: content.list(first(name), count) for name, count in (
-        ("rectification_matrix", 9), ("projection_matrix", 12)) if plain(name) in named}
+    is_message = matrix_name.lower() == "k"  # of camera_info
+    cropped = [name for name in ("binning_x", "binning_y") if content.number(name, 0.0) > 1]
+    cropped += ["roi"] if any(flattened(list(Fields(content.get("roi", {})).values.values()))) else []
+    if cropped:
+        raise Refused(f"{', '.join(cropped)}: this format cannot say it, but calibration_file takes this file as it is")
+    size = [content.number(first("image_" + side, side), 0.0) for side in ("width", "height")]
+    rectification = {name: content.list(first(name, short), count) for name, short, count in (
+        ("rectification_matrix", "r", 9), ("projection_matrix", "p", 12))
+                     if plain(name) in named or (is_message and short in named)}
     return (content.get(first("cameraname"), "camera"), size, [k[0], k[4], k[2], k[5]],
             lens(content.get(first("distortionmodel"), None) or by_count, coefficients), rectification)
+
+
+ZED_SIZES = {"2K": [2208, 1242], "FHD1200": [1920, 1200], "FHD": [1920, 1080], "HD": [1280, 720], "SVGA": [960, 600],
+             "VGA": [672, 376]}
+
+
+def from_ini(content, index, size):
+    """ost.txt of camera_calibration, with one camera or two, and ZED's factory calibration, for several sizes."""
+    sections = content["ini"]
+    if not any(re.match("(LEFT|RIGHT)_CAM_", name) for name, _ in sections):
+        cameras = [(name, {**image, **values}) for (kind, image), (name, values) in zip(sections, sections[1:])
+                   if kind == "image"]
+        name, values = chosen_camera(cameras, index)
+        for side in ("width", "height"):
+            values["image_" + side] = (values.get(side) or [None])[0]
+        return from_matrix(Fields({**values, "camera_name": name, "distortion_coefficients": values.get("distortion"),
+                                   "rectification_matrix": values.get("rectification"),
+                                   "projection_matrix": values.get("projection")}), 0)
+    prefix = chosen_camera(("LEFT_CAM_", "RIGHT_CAM_"), index)
+    cameras = [(name, ZED_SIZES[name[len(prefix):]], values) for name, values in sections
+               if name.startswith(prefix) and name[len(prefix):] in ZED_SIZES]
+    of_size = [camera for camera in cameras if size in (None, camera[1])]
+    if len(of_size) != 1:
+        raise Refused(f"has {', '.join('%dx%d' % tuple(camera[1]) for camera in cameras) or 'no size that is known'}: give "
+                      "that of the images as --size")
+    name, of_file, values = of_size[0]
+    fields = Fields(values, f"[{name}] ")
+    return name, of_file, fields.numbers("fx fy cx cy"), lens(
+        RATIONAL, fields.numbers("k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4", default=0.0), fields.where)
 
 
 # By a name that only these files have.
 READERS = {"model_type": from_vins, "value0": from_basalt, r"Camera\.fxl": from_ov2slam,
            r"Camera1?\.fx|Camera\.(type|model)": from_orb_slam, r"cam\d+": from_kalibr, "cam_model": from_svo,
-           "cameras|sensors": from_list, "intrinsics": from_euroc, r"(?i)camera[\W_]*matrix|k|[mk]1": from_matrix}
+           "cameras|sensors": from_list, "intrinsics": from_euroc, "ini": from_ini, r"(?i)camera[\W_]*matrix|k|[mk]1": from_matrix}
 
 
 def convert(text, index=0, size=None):
@@ -357,8 +416,9 @@ def convert(text, index=0, size=None):
                 raise Refused(f"names the cameras' own file: convert {content[name]}")
         raise Refused("is of no known kind: there is no model_type (VINS), Camera.fx, Camera1.fx or Camera (ORB-SLAM, "
                       "stella_vslam), Camera.fxl (OV2SLAM), cam0 (Kalibr), cam_model (SVO), cameras or sensors (OKVIS, SVO, "
-                      "maplab), intrinsics (EuRoC), value0 (basalt) or camera_matrix (OpenCV, ROVIO)")
-    name, of_file, intrinsics, (model, coefficients), *rectification = reader(content, index)
+                      "maplab), intrinsics (EuRoC), value0 (basalt), camera_matrix (OpenCV, ROVIO) or K (camera_info)")
+    arguments = (content, index, size) if reader is from_ini else (content, index)
+    name, of_file, intrinsics, (model, coefficients), *rectification = reader(*arguments)
     check(size or of_file, intrinsics)
     return {"name": str(name), "size": size or of_file, "intrinsics": intrinsics, "model": model,
             "coefficients": coefficients, **dict(*rectification)}

@@ -1,9 +1,12 @@
 #include "acmp_mapping/ros/input_conversion.h"
 
+#include <algorithm>
 #include <exception>
 #include <filesystem>
+#include <vector>
 
 #include <camera_calibration_parsers/parse.h>
+#include <camera_calibration_parsers/parse_ini.h>
 #include <yaml-cpp/yaml.h>
 
 #include "acmp_mapping/common/error.h"
@@ -40,9 +43,7 @@ void CheckMatrix(const YAML::Node& file, const char* name, int rows, int cols) {
 
 /// camera_calibration_parsers ends the process for matrices of another size, and takes memory for as many coefficients
 /// as rows and cols announce.
-void CheckYaml(const std::string& path) {
-  const YAML::Node file = YAML::LoadFile(path);
-  if (!file.IsMap()) throw InvalidInputError("must be a map of names and values");
+void CheckYaml(const YAML::Node& file) {
   for (const char* name : {"image_width", "image_height"}) {
     if (!file[name]) throw InvalidInputError(Concat(name, " is missing", kOtherFormats));
     CheckRange(name, file[name].as<int>(), 1, 1000000);
@@ -53,31 +54,66 @@ void CheckYaml(const std::string& path) {
   CheckMatrix(file, "distortion_coefficients", 0, 0);
 }
 
+/// Of a message as `rostopic echo` prints it.
+sensor_msgs::CameraInfo ReadMessage(const YAML::Node& file) {
+  const auto field = [&](const char* name) {
+    if (!file[name]) throw InvalidInputError(Concat(name, " is missing, as a message of camera_info has it"));
+    return file[name];
+  };
+  const auto number = [](const YAML::Node& node) { return node.as<uint32_t>(); };
+  const auto read_matrix = [&](const char* name, auto* matrix) {
+    const auto values = field(name).as<std::vector<double>>();
+    if (values.size() != matrix->size()) {
+      throw InvalidInputError(Concat(name, " has ", values.size(), " numbers: must have ", matrix->size()));
+    }
+    std::copy(values.begin(), values.end(), matrix->begin());
+  };
+  sensor_msgs::CameraInfo info;
+  info.width = number(field("width")), info.height = number(field("height"));
+  info.distortion_model = field("distortion_model").as<std::string>();
+  info.D = field("D").as<std::vector<double>>();
+  read_matrix("K", &info.K), read_matrix("R", &info.R), read_matrix("P", &info.P);
+  if (file["binning_x"]) info.binning_x = number(file["binning_x"]);
+  if (file["binning_y"]) info.binning_y = number(file["binning_y"]);
+  if (const YAML::Node roi = file["roi"]; roi && roi["width"]) {
+    info.roi.x_offset = number(roi["x_offset"]), info.roi.y_offset = number(roi["y_offset"]);
+    info.roi.width = number(roi["width"]), info.roi.height = number(roi["height"]);
+  }
+  return info;
+}
+
+sensor_msgs::CameraInfo ReadFile(const std::string& path) {
+  const std::string extension = LowerExtension(path);
+  std::string camera_name;
+  sensor_msgs::CameraInfo info;
+  if (extension != ".yaml" && extension != ".yml") {
+    if (camera_calibration_parsers::readCalibrationIni(path, camera_name, info)) return info;
+    throw InvalidInputError(
+        Concat("is no INI of camera_calibration; YAML must have a name that ends in .yaml or .yml", kOtherFormats));
+  }
+  const YAML::Node file = YAML::LoadFile(path);  // the first document
+  if (!file.IsMap()) throw InvalidInputError("must be a map of names and values");
+  if (file["K"] && file["D"] && !file["camera_matrix"]) return ReadMessage(file);
+  CheckYaml(file);
+  if (!camera_calibration_parsers::readCalibration(path, camera_name, info)) {
+    throw InvalidInputError(Concat("is no YAML of camera_calibration", kOtherFormats));
+  }
+  return info;
+}
+
 }  // namespace
 
 sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path, bool rectified) {
   const std::string what = Concat("calibration_file = \"", path, "\": ");
   if (!std::filesystem::exists(path)) throw InvalidInputError(what + "there is no such file");
   if (!std::filesystem::is_regular_file(path)) throw InvalidInputError(what + "must be a file");  // a pipe never ends
-  std::string camera_name;
-  sensor_msgs::CameraInfo info;
-  bool read = false;
   try {
-    const std::string extension = LowerExtension(path);
-    if (extension == ".yaml" || extension == ".yml") CheckYaml(path);
-    read = camera_calibration_parsers::readCalibration(path, camera_name, info);
-  } catch (const std::exception& error) {
-    throw InvalidInputError(what + error.what());
-  }
-  if (!read) {
-    throw InvalidInputError(what + "must be a .yaml, .yml or .ini file as camera_calibration writes them");
-  }
-  try {
+    sensor_msgs::CameraInfo info = ReadFile(path);
     ToCalibration(info, rectified);
-  } catch (const InvalidInputError& error) {
+    return info;
+  } catch (const std::exception& error) {  // of YAML, too
     throw InvalidInputError(what + error.what());
   }
-  return info;
 }
 
 }  // namespace acmp

@@ -21,6 +21,7 @@ struct PixelFormat {
   int channels;
   int conversion;                   ///< of cv::cvtColor
   const char* taken_for = nullptr;  ///< what the name leaves open; null: nothing
+  int chroma_planes = 0;            ///< below the grey image, a quarter of its pixels for each colour (YUV 4:2:0)
 };
 
 constexpr int kNone = -1;
@@ -39,6 +40,13 @@ constexpr PixelFormat kFormats[] = {{"mono8", 1, cv::COLOR_GRAY2RGB},
                                     {"uyvy", 2, cv::COLOR_YUV2RGB_UYVY},
                                     {"yuv422_yuy2", 2, cv::COLOR_YUV2RGB_YUY2},
                                     {"yuyv", 2, cv::COLOR_YUV2RGB_YUY2},
+                                    {"nv12", 1, cv::COLOR_YUV2RGB_NV12, nullptr, 1},
+                                    {"nv21", 1, cv::COLOR_YUV2RGB_NV21, nullptr, 1},
+                                    {"i420", 1, cv::COLOR_YUV2RGB_I420, nullptr, 2},
+                                    {"iyuv", 1, cv::COLOR_YUV2RGB_I420, nullptr, 2},
+                                    {"yuv420", 1, cv::COLOR_YUV2RGB_I420, "i420", 2},
+                                    {"yuv420p", 1, cv::COLOR_YUV2RGB_I420, "i420", 2},
+                                    {"yv12", 1, cv::COLOR_YUV2RGB_YV12, nullptr, 2},
                                     {"8UC1", 1, cv::COLOR_GRAY2RGB, "mono8"},
                                     {"8UC3", 3, cv::COLOR_BGR2RGB, "bgr8"},
                                     {"8UC4", 4, cv::COLOR_BGRA2RGB, "bgra8"}};
@@ -51,13 +59,37 @@ std::string WithEightBits(const std::string& encoding) {
 
 const PixelFormat& FindFormat(const std::string& name, const std::string& encoding) {
   for (const PixelFormat& format : kFormats) {
-    if (encoding == format.name) return format;
+    if (boost::algorithm::iequals(encoding, format.name)) return format;
   }
   const bool depth = encoding == encodings::TYPE_16UC1 || encoding == encodings::TYPE_32FC1;
-  throw InvalidInputError(
-      Concat(name, depth ? ": is it a depth map? It must be" : ": must be",
-             " mono, rgb, bgr, rgba, bgra or bayer of 8 or 16 bits, yuv422, yuv422_yuy2, 8UC1, 8UC3 "
-             "or 8UC4; a grey image of 16 bits is mono16"));
+  throw InvalidInputError(Concat(
+      name, depth ? ": is it a depth map? It must be" : ": must be",
+      " mono, rgb, bgr, rgba, bgra or bayer of 8 or 16 bits, yuv422 (uyvy), yuv422_yuy2 (yuyv), nv12, nv21, i420, "
+      "yv12, 8UC1, 8UC3 or 8UC4; a grey image of 16 bits is mono16"));
+}
+
+/// The grey image and below it the colours, in rows without gaps, as OpenCV takes YUV 4:2:0. In messages the height is
+/// that of the image, or of all rows.
+cv::Mat PackYuv420(const std::string& name, const sensor_msgs::Image& raw, int chroma_planes) {
+  const uint64_t rows = 2 * uint64_t{raw.data.size()} / (3 * std::max<uint64_t>(raw.step, 1));
+  const uint64_t needed = rows * raw.step + rows / 2 * raw.step;
+  const uint64_t of_height = raw.height + uint64_t{raw.height} / 2;
+  if ((rows != raw.height && rows + rows / 2 != raw.height) || needed != raw.data.size()) {
+    throw InvalidInputError(Concat(name, ": must have ", of_height * raw.step, " bytes, one and a half of a pixel's"));
+  }
+  if (raw.width % 2 != 0 || rows % 2 != 0 || (chroma_planes == 2 && raw.step % 2 != 0)) {
+    throw InvalidInputError(Concat(name, ": width, height and step must be even"));
+  }
+  if (raw.step < raw.width) throw InvalidInputError(Concat(name, ": must have a step of at least ", raw.width));
+  const int width = static_cast<int>(raw.width), height = static_cast<int>(rows);
+  auto* data = const_cast<uint8_t*>(raw.data.data());  // never written to
+  cv::Mat packed(height + height / 2, width, CV_8U);
+  cv::Mat(height, width, CV_8U, data, raw.step).copyTo(packed.rowRange(0, height));
+  const int split = chroma_planes;  // two planes: two rows of colour in one of the grey image
+  cv::Mat colours = packed.rowRange(height, packed.rows).reshape(1, split * height / 2);
+  cv::Mat(colours.rows, colours.cols, CV_8U, data + rows * raw.step, raw.step / static_cast<size_t>(split))
+      .copyTo(colours);
+  return packed;
 }
 
 bool IsGrey(const ColorImage& image) {
@@ -72,11 +104,14 @@ cv::Mat ImageDecoder::Decode(const EncodedImage& image, const PinholeCamera* cam
   const std::string name = Concat("image encoding \"", raw.encoding, "\" (", raw.width, "x", raw.height, ", step ",
                                   raw.step, ", ", raw.data.size(), " bytes)");
   CheckImageSides(name, raw);
-  const uint64_t needed = uint64_t{raw.height} * raw.step;
-  if (raw.data.size() != needed) throw InvalidInputError(Concat(name, ": must have ", needed, " bytes"));
   const std::string eight_bits = WithEightBits(raw.encoding);
   const PixelFormat& format = FindFormat(name, eight_bits.empty() ? raw.encoding : eight_bits);
+  const uint64_t needed = uint64_t{raw.height} * raw.step;
+  if (format.chroma_planes == 0 && raw.data.size() != needed) {
+    throw InvalidInputError(Concat(name, ": must have ", needed, " bytes"));
+  }
   if (format.taken_for) note_ = Concat("images of encoding \"", raw.encoding, "\" are taken for ", format.taken_for);
+  if (format.chroma_planes > 0) return Convert(name, raw.encoding, PackYuv420(name, raw, format.chroma_planes));
   const uint64_t row_bytes = uint64_t{raw.width} * format.channels * (eight_bits.empty() ? 1 : 2);
   if (raw.step < row_bytes) throw InvalidInputError(Concat(name, ": must have a step of at least ", row_bytes));
   const int depth = eight_bits.empty() ? CV_8U : CV_16U;
@@ -118,7 +153,7 @@ cv::Mat ImageDecoder::DecodeCompressed(const sensor_msgs::CompressedImage& image
 
 cv::Mat ImageDecoder::Convert(const std::string& name, const std::string& encoding, const cv::Mat& pixels) {
   const bool wide = pixels.depth() == CV_16U;
-  const PixelFormat format = FindFormat(name, wide ? WithEightBits(encoding) : encoding);
+  const PixelFormat& format = FindFormat(name, wide ? WithEightBits(encoding) : encoding);
   if (format.channels == 2 && pixels.cols % 2 != 0) {
     throw InvalidInputError(Concat(name, ": a width of ", pixels.cols, " px: must be even"));
   }

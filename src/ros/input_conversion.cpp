@@ -63,7 +63,14 @@ LensDistortion ToDistortion(const sensor_msgs::CameraInfo& info) {
                "\": must be plumb_bob, rational_polynomial, equidistant, mei, eucm, double_sphere or "
                "equirectangular; of other lenses give the rectified images (rectified: true)"));
   }
-  const DistortionModel& model = *found;
+  const auto zeros_from = [&](size_t index) {
+    return std::all_of(info.D.begin() + static_cast<std::ptrdiff_t>(std::min(index, info.D.size())), info.D.end(),
+                       is_zero);
+  };
+  // OpenCV has one list for both, and so have programs that write the name without a look at the number.
+  const bool is_rational =
+      found->model == LensDistortion::Model::kBrownConrady && info.D.size() >= 8 && !zeros_from(found->most);
+  const DistortionModel& model = is_rational ? DistortionModelOf(LensDistortion::Model::kRational) : *found;
   for (const double d : info.D) {
     if (!std::isfinite(d)) throw InvalidInputError(Concat("camera_info D holds ", d, ": must be finite"));
   }
@@ -72,7 +79,7 @@ LensDistortion ToDistortion(const sensor_msgs::CameraInfo& info) {
         Concat("camera_info D has ", info.D.size(), " coefficients: ", info.distortion_model, " has ", model.most));
   }
   const auto used = info.D.begin() + static_cast<std::ptrdiff_t>(std::min(info.D.size(), model.most));
-  if (!std::all_of(used, info.D.end(), is_zero)) {
+  if (!zeros_from(model.most)) {
     throw InvalidInputError(Concat("camera_info D has ", info.D.size(), " coefficients, and those after the first ",
                                    model.most, " are not all 0: ", info.distortion_model, " has ", model.most,
                                    "; a lens with others (thin prism, tilt) needs rectified images (rectified: true)"));
@@ -275,7 +282,16 @@ CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectif
   calibration.camera.cx = (cx - (cropped ? info.roi.x_offset : 0) + 0.5) / binning_x - 0.5;
   calibration.camera.cy = (cy - (cropped ? info.roi.y_offset : 0) + 0.5) / binning_y - 0.5;
   CheckCamera("camera_info", calibration.camera);
-  if (!rectified) calibration.distortion = ToDistortion(info);
+  if (!rectified) {
+    calibration.distortion = ToDistortion(info);
+    const DistortionModel* named = FindModel(info.distortion_model);
+    const DistortionModel& taken = DistortionModelOf(calibration.distortion.model);
+    if (named && named->model == LensDistortion::Model::kBrownConrady &&
+        taken.model == LensDistortion::Model::kRational) {
+      calibration.note =
+          Concat(info.distortion_model, " with ", info.D.size(), " coefficients is taken for ", taken.name);
+    }
+  }
   calibration.field_of_view = field_of_view;
   CheckLens("camera_info", calibration.camera, calibration.distortion, field_of_view);
   calibration.frame_id = StripLeadingSlash(info.header.frame_id);
@@ -325,8 +341,8 @@ RigidTransform ToTransform(const geometry_msgs::Transform& transform) {
 PoseSample ToPoseSample(const std_msgs::Header& header, const std::string& child_frame,
                         const geometry_msgs::Pose& pose) {
   try {
-    return {ToStampNs(header.stamp), StripLeadingSlash(header.frame_id), ToTransform(pose),
-            StripLeadingSlash(child_frame)};
+    const std::string frame = StripLeadingSlash(header.frame_id), child = StripLeadingSlash(child_frame);
+    return {ToStampNs(header.stamp), frame, ToTransform(pose), child == frame ? "" : child};
   } catch (const InvalidInputError& error) {
     throw InvalidInputError(Concat("pose ", FormatStamp(ToStampNs(header.stamp)), ": ", error.what()));
   }

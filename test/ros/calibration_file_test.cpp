@@ -58,7 +58,7 @@ TEST_F(CalibrationFileTest, WhatCannotBeUsedIsNamed) {
   for (const char* size : {"rows: 1000000, cols: 1000000", "rows: -1, cols: -5", "rows: 1, cols: 4"}) {
     EXPECT_THAT(RefusalOf("rows: 1, cols: 5", size), HasSubstr("5 numbers: must have at most 14 numbers")) << size;
   }
-  EXPECT_THAT(RefusalOf("camera_matrix", "K"), AllOf(HasSubstr("camera_matrix is missing"), HasSubstr(kConverter)));
+  EXPECT_THAT(RefusalOf("camera_matrix", "cam"), AllOf(HasSubstr("camera_matrix is missing"), HasSubstr(kConverter)));
   EXPECT_THAT(RefusalOf("image_width: 64", "image_width: -64"), HasSubstr("image_width = -64"));
   EXPECT_THAT(RefusalOf("55.42562584220407", "fx"), AllOf(HasSubstr("line 5"), HasSubstr("bad conversion")));
   EXPECT_THAT(RefusalOf("55.42562584220407", "-1"), HasSubstr("K[0] = -1"));
@@ -74,8 +74,44 @@ TEST_F(CalibrationFileTest, OtherFilesAreRefused) {
   const std::string pipe = (folder() / "pipe.yaml").string();
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
   EXPECT_THAT(refusal(pipe), HasSubstr("must be a file"));
-  EXPECT_THAT(refusal(WriteText("camera.txt", good_).string()), HasSubstr("must be a .yaml, .yml or .ini file"));
-  EXPECT_THAT(refusal(WriteText("camera.ini", good_).string()), HasSubstr("must be a .yaml, .yml or .ini file"));
+  EXPECT_THAT(refusal(WriteText("camera.txt", good_).string()), HasSubstr(".yaml or .yml"));
+  EXPECT_THAT(refusal(WriteText("camera.ini", good_).string()), HasSubstr(".yaml or .yml"));
+}
+
+TEST_F(CalibrationFileTest, ReadsTheIniOfCameraCalibrationUnderAnyName) {
+  const std::string ini =
+      "# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n640\n\nheight\n480\n\n[narrow_stereo]\n\ncamera matrix\n"
+      "500.0 0.0 320.0\n0.0 500.0 240.0\n0.0 0.0 1.0\n\ndistortion\n0.1 0.01 0.0 0.0 0.0\n\nrectification\n"
+      "1.0 0.0 0.0\n0.0 1.0 0.0\n0.0 0.0 1.0\n\nprojection\n490.0 0.0 321.0 -60.0\n0.0 490.0 241.0 0.0\n"
+      "0.0 0.0 1.0 0.0\n\n";
+  for (const char* name : {"ost.txt", "camera.ini", "left"}) {
+    const sensor_msgs::CameraInfo info = ReadCalibrationFile(WriteText(name, ini).string());
+    EXPECT_EQ(info.width, 640u) << name;
+    EXPECT_EQ(info.K[2], 320);
+    EXPECT_EQ(info.D[1], 0.01);
+    EXPECT_EQ(info.P[3], -60);
+  }
+}
+
+TEST_F(CalibrationFileTest, ReadsAMessageAsRostopicPrintsIt) {
+  const std::string message =
+      "header: \n  seq: 0\n  stamp: \n    secs: 16\n    nsecs:         0\n  frame_id: \"camera\"\nheight: 120\n"
+      "width: 160\ndistortion_model: \"plumb_bob\"\nD: [0.1, 0.0, 0.0, 0.0, 0.0]\n"
+      "K: [138.5, 0.0, 80.78, 0.0, 139.1, 58.78, 0.0, 0.0, 1.0]\nR: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]\n"
+      "P: [130.5, 0.0, 80.5, -13.0, 0.0, 130.1, 58.5, 0.0, 0.0, 0.0, 1.0, 0.0]\nbinning_x: 2\nbinning_y: 2\n"
+      "roi: \n  x_offset: 8\n  y_offset: 4\n  height: 60\n  width: 80\n  do_rectify: False\n";
+  for (const std::string& text : {message, message + "---\n" + message + "---\n", message + "---\nheader: [\n"}) {
+    const sensor_msgs::CameraInfo info = ReadCalibrationFile(WriteText("camera.yaml", text).string());
+    EXPECT_EQ(info.height, 120u);
+    EXPECT_EQ(info.K[2], 80.78);
+    EXPECT_EQ(info.P[3], -13);
+    EXPECT_EQ(info.D[0], 0.1);
+    EXPECT_EQ(info.binning_x, 2u);
+    EXPECT_EQ(info.roi.x_offset, 8u);
+  }
+  const auto short_matrix = WriteText("camera.yaml", message.substr(0, message.find("R:")) + "R: [1.0]\nP: [1.0]\n");
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadCalibrationFile(short_matrix.string()); }),
+              AllOf(HasSubstr("R has 1 numbers"), HasSubstr("9")));
 }
 
 }  // namespace

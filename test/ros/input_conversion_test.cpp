@@ -90,6 +90,50 @@ TEST(DecodeRgb, TakesTheBitsThatImagesUse) {
   EXPECT_EQ(FirstPixel({image, nullptr}), cv::Vec3b(0x80, 0x80, 0x80));
 }
 
+TEST(DecodeRgb, KnowsYuv420) {
+  // 4 x 4 of Y = 128, with U = 110 and V = 150 all over: red more than blue.
+  const auto decode = [](const std::string& encoding, uint32_t height, const std::vector<uint8_t>& chroma,
+                         uint32_t step) {
+    std::vector<uint8_t> data(size_t{4} * step, 128);
+    for (size_t i = 0; i < chroma.size(); ++i) data.push_back(chroma[i]);
+    auto image = boost::make_shared<sensor_msgs::Image>();
+    image->encoding = encoding, image->width = 4, image->height = height, image->step = step, image->data = data;
+    return DecodeRgb({image, nullptr});
+  };
+  const std::vector<uint8_t> uv = {110, 150, 110, 150, 110, 150, 110, 150},
+                             vu = {150, 110, 150, 110, 150, 110, 150, 110},
+                             u_v = {110, 110, 110, 110, 150, 150, 150, 150},
+                             v_u = {150, 150, 150, 150, 110, 110, 110, 110};
+  const cv::Mat expected = decode("nv12", 4, uv, 4);
+  ASSERT_EQ(expected.size(), cv::Size(4, 4));
+  const auto pixel = expected.at<cv::Vec3b>(3, 3);
+  EXPECT_GT(pixel[0], pixel[2] + 40);
+  const auto is_same = [&](const cv::Mat& image) {
+    return image.size() == expected.size() && cv::norm(image, expected, cv::NORM_INF) == 0;
+  };
+  EXPECT_TRUE(is_same(decode("nv21", 4, vu, 4)));
+  EXPECT_TRUE(is_same(decode("NV12", 4, uv, 4)));
+  EXPECT_TRUE(is_same(decode("i420", 4, u_v, 4)));
+  EXPECT_TRUE(is_same(decode("yuv420", 4, u_v, 4)));
+  EXPECT_TRUE(is_same(decode("yv12", 4, v_u, 4)));
+  EXPECT_TRUE(is_same(decode("nv12", 6, uv, 4))) << "the height of all rows";
+  // Rows with a gap at their end, of the colours as well.
+  EXPECT_TRUE(is_same(decode("nv12", 4, {110, 150, 110, 150, 0, 0, 110, 150, 110, 150, 0, 0}, 6)));
+  EXPECT_TRUE(is_same(decode("i420", 4, {110, 110, 0, 110, 110, 0, 150, 150, 0, 150, 150, 0}, 6)));
+  EXPECT_THAT(ErrorOf([&] { decode("nv12", 4, {1, 2, 3}, 4); }), AllOf(HasSubstr("nv12"), HasSubstr("24 bytes")));
+  EXPECT_THAT(ErrorOf([&] { decode("nv12", 4, {}, 2); }), HasSubstr("12 bytes"));
+}
+
+TEST(DecodeRgb, NamesAnUnknownEncodingBeforeItCountsBytes) {
+  EXPECT_THAT(ErrorOf([] {
+                DecodeRgb(MakeImage("nv24", 2, 1, {1, 2, 3, 4, 5, 6, 7}));
+              }),
+              AllOf(HasSubstr("nv24"), HasSubstr("nv12")));
+  auto image = boost::make_shared<sensor_msgs::Image>(*MakeImage("nv24", 2, 1, {1, 2}).raw);
+  image->data.resize(6);
+  EXPECT_THAT(ErrorOf([&] { DecodeRgb({image, nullptr}); }), HasSubstr("must be mono"));
+}
+
 /// A Bayer mosaic whose red sites alone are lit.
 cv::Mat RedMosaic(int depth, double value) {
   cv::Mat mosaic(8, 8, depth, cv::Scalar(0));
@@ -237,6 +281,29 @@ TEST(ToCalibration, TakesCoefficientsThatAreZeroAndOtherNames) {
               }),
               AllOf(HasSubstr("12 coefficients"), HasSubstr("thin prism"), HasSubstr("rectified")));
   EXPECT_THAT(ErrorOf([&] { of("plumb_bob", {1, 2, 3, 4, 5, 6}); }), HasSubstr("6 coefficients"));
+}
+
+TEST(ToCalibration, TakesEightCoefficientsForTheRationalModelAndSaysSo) {
+  sensor_msgs::CameraInfo info = MakeInfo();
+  info.distortion_model = "plumb_bob";
+  info.D = {0.1, 0.02, 0, 0, 0.003, 0.4, 0.05, 0.006};
+  const CameraCalibration calibration = ToCalibration(info, false);
+  EXPECT_EQ(calibration.distortion, (LensDistortion{LensDistortion::Model::kRational, info.D}));
+  EXPECT_THAT(calibration.note, AllOf(HasSubstr("plumb_bob"), HasSubstr("rational_polynomial")));
+  info.distortion_model = "rational_polynomial";
+  EXPECT_EQ(ToCalibration(info, false).note, "");
+}
+
+TEST(ToPoseSample, AChildFrameThatIsTheFrameIsNone) {
+  nav_msgs::Odometry odometry;
+  odometry.header.frame_id = "world";
+  odometry.pose.pose.orientation.w = 1;
+  for (const char* child : {"world", "/world"}) {
+    odometry.child_frame_id = child;
+    EXPECT_EQ(ToPoseSample(odometry).child_frame, "") << child;
+  }
+  odometry.child_frame_id = "/body";
+  EXPECT_EQ(ToPoseSample(odometry).child_frame, "body");
 }
 
 TEST(ToCalibration, TakesWideCameras) {

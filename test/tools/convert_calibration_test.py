@@ -154,6 +154,67 @@ distortion_model: plumb_bob
 distortion_coefficients: {rows: 1, cols: 5, data: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05, 0.0]}
 """
 
+OST = "# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n752\n\nheight\n480\n\n[narrow_stereo]\n\ncamera matrix\n" + """\
+458.654 0.0 367.215
+0.0 457.296 248.375
+0.0 0.0 1.0
+
+distortion
+-0.28340811 0.07395907 0.00019359 1.76187114e-05 0.0
+
+rectification
+1.0 0.0 0.0
+0.0 1.0 0.0
+0.0 0.0 1.0
+
+projection
+458.654 0.0 367.215 0.0
+0.0 457.296 248.375 0.0
+0.0 0.0 1.0 0.0
+
+"""
+MESSAGE = """header:
+  seq: 0
+  stamp:
+    secs: 16
+    nsecs:         0
+  frame_id: "camera"
+height: 480
+width: 752
+distortion_model: "plumb_bob"
+D: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05, 0.0]
+K: [458.654, 0.0, 367.215, 0.0, 457.296, 248.375, 0.0, 0.0, 1.0]
+R: [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+P: [450.0, 0.0, 360.0, -50.0, 0.0, 450.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+binning_x: 0
+binning_y: 0
+roi:
+  x_offset: 0
+  y_offset: 0
+  height: 0
+  width: 0
+  do_rectify: False
+"""
+ZED = "[LEFT_CAM_2K]\nfx=1400\nfy=1400\ncx=1104\ncy=600\n\n[RIGHT_CAM_2K]\nfx=1400\n" + """
+[LEFT_CAM_HD]
+fx=700
+fy = 701
+cx=640
+cy=350
+k1=-0.17
+k2=0.03
+p1=1e-4
+p2=2e-4
+k3=3e-11
+[RIGHT_CAM_HD]
+fx=710
+fy=701
+cx=640
+cy=350
+[STEREO]
+Baseline=119.978
+"""
+
 
 def basalt(kind, **parameters):
     """A calibration.json as basalt writes it; the camera is the second of two."""
@@ -267,6 +328,30 @@ class ConvertCalibration(unittest.TestCase):
         self.assertIn("image size 0 x 0", refusal(ORB_SLAM2))
         self.expect(converted(ORB_SLAM2, 0, [640, 480]), [640, 480], OTHER_K, "plumb_bob", [0.262383, -0.953104, -0.005358, 0.002628, 1.163314])
 
+    def test_ini_of_camera_calibration(self):
+        self.expect(converted(OST), [752, 480], K, "plumb_bob", RADTAN + [0])
+        left, right = OST.replace("narrow_stereo", "narrow_stereo/left"), OST.replace("narrow_stereo", "narrow_stereo/right")
+        self.expect(converted(left + right.replace("458.654", "450"), 1), [752, 480], [450] + K[1:], "plumb_bob", RADTAN + [0])
+        self.assertIn("no camera 2", refusal(left + right, 2))
+
+    def test_message_as_rostopic_prints_it(self):
+        for text in MESSAGE, MESSAGE + "---\n" + MESSAGE + "---\n", MESSAGE + "---\nheader: [\n":
+            result = converted(text)
+            self.assertEqual(result["projection_matrix"]["data"][:4], [450, 0, 360, -50])
+            self.assertEqual(result["rectification_matrix"]["data"], [0, -1, 0, 1, 0, 0, 0, 0, 1])
+            self.assertEqual([result["image_width"], result["camera_matrix"]["data"][0]], [752, K[0]])
+
+    def test_factory_calibration_of_a_zed(self):
+        self.assertIn("2208x1242, 1280x720", refusal(ZED))
+        self.expect(converted(ZED, 0, [1280, 720]), [1280, 720], [700, 701, 640, 350], "rational_polynomial",
+                    [-0.17, 0.03, 1e-4, 2e-4, 3e-11, 0, 0, 0])
+        self.assertEqual(converted(ZED, 1, [1280, 720])["camera_matrix"]["data"][0], 710)
+        self.assertIn("--size", refusal(ZED, 0, [640, 480]))
+
+    def test_eight_coefficients_are_of_the_rational_model(self):
+        eight = ROVIO.replace("05, 0.0]", "05, 0.0, 0.4, 0.5, 0.6]")
+        self.expect(converted(eight), [752, 480], K, "rational_polynomial", RADTAN + [0, 0.4, 0.5, 0.6])
+
     def test_what_is_refused(self):
         for text, words in (
                 (VINS.replace("PINHOLE", "SCARAMUZZA").replace("projection_p", "poly_p"), "'SCARAMUZZA'"),
@@ -275,14 +360,16 @@ class ConvertCalibration(unittest.TestCase):
                 (VINS.replace("image_width: 752", "image_width: 300"), "principal point (367.215, 248.375)"),
                 (KALIBR.replace("camera_model: pinhole", "camera_model: ds"), "distortion_model 'radtan' of camera_model ds"),
                 (KALIBR.replace("camera_model: pinhole", "camera_model: omni"), "must be a list of 5 numbers"),
-                (KALIBR.replace("[-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]", "[1, 2, 3, 4, 5, 6, 7, 8]"),
-                 "8 distortion coefficients"),
+                (KALIBR.replace("[-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]", "[1, 2, 3, 4, 5, 6, 7]"),
+                 "7 distortion coefficients"),
                 (KALIBR.replace("458.654", ".nan"), "intrinsics = nan: must be a number"),
                 ("image_width: 3\ncamera_matrix: 1\n", "camera_matrix = 1: must be a list of 9 numbers"),
                 ("cam0_calib: \"cam0_pinhole.yaml\"\n", "convert cam0_pinhole.yaml"),
                 (ROVIO.replace("367.215, 0.0", "367.215, 0.5"), "must be fx 0 cx"),
                 (ROVIO.replace("distortion_c", "c"), "distortion_coefficients is missing"),
-                ("# oST version 5.0 parameters\n[image]\n\nwidth\n640\n", "calibration_file takes it as it is"),
+                ("# oST version 5.0 parameters\n[image]\n\nwidth\n640\n", "there is no camera 0"),
+                (MESSAGE.replace("binning_x: 0", "binning_x: 2"), "binning_x: this format cannot say it"),
+                (MESSAGE.replace("x_offset: 0", "x_offset: 8"), "roi: this format cannot say it"),
                 (RIG.replace("radial-tangential", "fisheye-fov"), "distortion model 'fisheye-fov'"),
                 (OPENCV_XML.replace("</data>", ""), "is no XML"),
                 ("sensors: 3\n", "sensors = 3: must be a list"), ("cameras: [3]\n", "cameras[0]: image_dimension is missing"),

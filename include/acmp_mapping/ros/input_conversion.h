@@ -34,8 +34,8 @@ struct EncodedImage {
   const std_msgs::Header& header() const { return raw ? raw->header : compressed->header; }
 };
 
-/// Makes 8-bit RGB of one camera's images: mono, RGB, BGR (also with alpha) and Bayer of 8 and 16 bits, YUV 4:2:2, and
-/// PNG and JPEG of these. What an encoding leaves open is taken as most cameras mean it and told in `note`.
+/// Makes 8-bit RGB of one camera's images: mono, RGB, BGR (also with alpha) and Bayer of 8 and 16 bits, YUV 4:2:2 and
+/// 4:2:0, and PNG and JPEG of these. What an encoding leaves open is taken as most cameras mean it and told in `note`.
 class ImageDecoder {
  public:
   /// Throws InvalidInputError that names the encoding when it is none of these, and what contradicts itself. The size
@@ -82,6 +82,7 @@ struct CameraCalibration {
   LensDistortion distortion;
   std::string frame_id;
   double field_of_view = 0;  ///< of Lens
+  std::string note = {};     ///< what was assumed; empty: nothing
 
   Lens MakeLens() const { return {camera, distortion, field_of_view}; }
 };
@@ -89,9 +90,9 @@ using CalibrationPtr = std::shared_ptr<const CameraCalibration>;
 
 bool operator==(const CameraCalibration& a, const CameraCalibration& b);
 
-/// Reads what camera_calibration writes: YAML (.yaml, .yml) or INI (.ini). Throws InvalidInputError if the file cannot
-/// be read, naming what a YAML file lacks, or the size that a matrix has and must have, and where ToCalibration refuses
-/// its camera. All messages name the file.
+/// Reads what camera_calibration writes, YAML (.yaml, .yml) or INI (any other name), and YAML of a CameraInfo message,
+/// as `rostopic echo` prints it. Throws InvalidInputError if the file cannot be read, naming what a YAML file lacks, or
+/// the size that a matrix has and must have, and where ToCalibration refuses its camera. All messages name the file.
 /// @param rectified of ToCalibration
 sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path, bool rectified = false);
 
@@ -108,7 +109,7 @@ DepthMap DecodePriorDepth(const EncodedImage& depth);
 
 /// Camera and distortion of the image as sent: binning and region of interest are applied, plumb_bob,
 /// rational_polynomial, equidistant, mei (D: xi k1 k2 p1 p2) and equirectangular (the size alone tells all) are known,
-/// also by other names; more coefficients than these have must be 0.
+/// also by other names; more coefficients than these have must be 0. A plumb_bob of 8 is a rational_polynomial.
 /// `rectified`: the image is undistorted already, P holds and D does not.
 /// @param field_of_view deg, of Lens; 0: as far as the image goes
 CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectified, double field_of_view = 0);
