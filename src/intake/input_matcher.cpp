@@ -8,6 +8,7 @@
 
 #include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/geometry/interpolate.h"
 
 namespace acmp {
 namespace {
@@ -154,12 +155,39 @@ void InputMatcher::SetPoseProblem(int64_t stamp_ns, const std::string& problem) 
 void InputMatcher::FindPoses(double now_s) {
   for (WaitingImage& image : images_) {
     if (image.pose) continue;
-    auto* nearest = Nearest(poses_.received, image.sample.stamp_ns, true);
-    if (!nearest || !PoseIsFinal(image.sample.stamp_ns, nearest->stamp_ns)) continue;
-    nearest->used = true;
-    image.pose = nearest->sample;
-    image.ready_since_s = now_s;
+    image.pose = FindPose(image.sample.stamp_ns);
+    if (image.pose) image.ready_since_s = now_s;
   }
+}
+
+std::optional<PoseSample> InputMatcher::FindPose(int64_t stamp_ns) {
+  auto* nearest = Nearest(poses_.received, stamp_ns, true);
+  const int64_t gap_ns = nearest ? std::llabs(nearest->stamp_ns - stamp_ns) : INT64_MAX;
+  const bool is_same = gap_ns <= std::min(kSameExposureNs, sync_tolerance_ns_);
+  std::optional<PoseSample> between = is_same ? std::nullopt : PoseBetween(stamp_ns);
+  if (!is_same && !between && !(nearest && PoseIsFinal(stamp_ns, nearest->stamp_ns))) return std::nullopt;
+  if (!is_same) pose_use_.farthest_ns = std::max<int64_t>(pose_use_.farthest_ns, std::llabs(*PoseGapOf(stamp_ns)));
+  ++(is_same ? pose_use_.same : between ? pose_use_.between : pose_use_.nearest);
+  if (between) return between;
+  nearest->used = true;
+  return nearest->sample;
+}
+
+std::optional<PoseSample> InputMatcher::PoseBetween(int64_t stamp_ns) const {
+  const StreamBuffer<PoseSample>::Received *before = nullptr, *after = nullptr;
+  for (auto pose = poses_.received.rbegin(); pose != poses_.received.rend() && !before; ++pose) {
+    (pose->stamp_ns <= stamp_ns ? before : after) = &*pose;
+  }
+  if (!before || !after || before->sample.world_frame != after->sample.world_frame) return std::nullopt;
+  if (stamp_ns - before->stamp_ns > sync_tolerance_ns_ || after->stamp_ns - stamp_ns > sync_tolerance_ns_) {
+    return std::nullopt;
+  }
+  PoseSample pose = before->sample;
+  const auto way_ns = static_cast<double>(after->stamp_ns - before->stamp_ns);
+  pose.stamp_ns = stamp_ns;
+  pose.received = Interpolate(before->sample.received, after->sample.received,
+                              static_cast<double>(stamp_ns - before->stamp_ns) / way_ns);
+  return pose;
 }
 
 std::optional<int64_t> InputMatcher::PoseGapOf(int64_t stamp_ns) const {
@@ -242,6 +270,8 @@ void InputMatcher::Emit(WaitingImage image) {
   if (match.cloud) {
     if (std::llabs(match.cloud->stamp_ns - match.image.stamp_ns) <= std::max(sync_tolerance_ns_, kSameExposureNs)) {
       match.cloud_pose = match.pose;
+    } else if (auto between = PoseBetween(match.cloud->stamp_ns)) {
+      match.cloud_pose = std::move(between);
     } else if (const auto* pose = Nearest(poses_.received, match.cloud->stamp_ns);
                pose && std::llabs(pose->stamp_ns - match.cloud->stamp_ns) <= sync_tolerance_ns_) {
       match.cloud_pose = pose->sample;

@@ -269,8 +269,10 @@ OptionList OptionsOf(NodeOptions* o) {
   list.Group("sparse points, masks and stamps");
   list.Choice("sparse_frame", &o->sparse_frame, {"auto", "world", "camera"},
               "Frame of the sparse points; auto: told by their frame_id");
-  list.Number("sync_tolerance", &o->matcher.sync_tolerance_s, 0, 10, "s",
-              "An image and its pose differ by no more than this in their stamps");
+  list.Number(
+      "sync_tolerance", &o->matcher.sync_tolerance_s, 0, 10, "s",
+      "An image and its pose differ by no more than this in their stamps; where the poses before and after are both "
+      "so near, its own is between them");
   list.Number("sparse_wait", &o->matcher.sparse_wait_s, 0, 10, "s",
               "An image with a pose waits so long for the sparse points of its stamp");
   list.Number("mask_wait", &o->matcher.mask_wait_s, 0, 10, "s",
@@ -495,8 +497,11 @@ MapServerOptions LoadMapServerOptions(ParameterReader* reader) {
   }
   if (options.save_folder.empty()) options.save_folder = MakeDefaultFolder();
   if (!std::filesystem::is_directory(options.save_folder)) {
+    const bool is_there = std::filesystem::exists(options.save_folder);
     throw InvalidInputError(
-        Concat("parameter ~save_folder = \"", options.save_folder, "\": must be a folder (without ~)"));
+        Concat("parameter ~save_folder = \"", options.save_folder,
+               "\": ", is_there ? "is no folder" : "there is no such folder: make it (mkdir -p)",
+               options.save_folder.front() == '~' ? "; ~ is not replaced here: give the whole path" : ""));
   }
   constexpr double kDiskForImages = 0.5;  // of what is free, as maps, sessions and others need some
   std::error_code ignored;                // where it is not known, writing an image says when there is none

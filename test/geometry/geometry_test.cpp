@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "acmp_mapping/common/degrees.h"
+#include "acmp_mapping/geometry/interpolate.h"
 #include "acmp_mapping/geometry/lens.h"
 #include "acmp_mapping/geometry/similarity.h"
 #include "support/error_text.h"
@@ -436,6 +437,31 @@ TEST(PinholeCameraTest, HalvedSeesTheMeansOfTwoByTwoPixels) {
   EXPECT_NEAR(halved.cy, resized.cy, 1e-12);
   EXPECT_EQ(halved.fx, resized.fx);
   EXPECT_EQ(halved.fy, resized.fy);
+}
+
+TEST(InterpolateTest, FollowsASteadyMotionWhicheverFrameMapsToTheOther) {
+  RigidTransform start = RigidTransform::Identity(), step = RigidTransform::Identity(),
+                 arm = RigidTransform::Identity();
+  start.linear() = Eigen::AngleAxisd(2, Eigen::Vector3d(1, 2, -1).normalized()).toRotationMatrix();
+  start.translation() = Eigen::Vector3d(512345.6, 5403210.7, 312.4);
+  step.linear() = Eigen::AngleAxisd(0.02, Eigen::Vector3d(0.2, 1, 0.3).normalized()).toRotationMatrix();
+  step.translation() = Eigen::Vector3d(0.05, -0.02, 0.1);
+  arm.linear() = Eigen::AngleAxisd(1, Eigen::Vector3d::UnitX()).toRotationMatrix();
+  arm.translation() = Eigen::Vector3d(0.3, 0, -0.1);
+  std::vector<RigidTransform> way = {start};
+  for (int i = 0; i < 10; ++i) way.push_back(way.back() * step);
+  const auto expect_same = [](const RigidTransform& a, const RigidTransform& b) {
+    EXPECT_LT((a.matrix() - b.matrix()).cwiseAbs().maxCoeff(), 1e-7);  // some roundings of 1e-9 m, in UTM
+  };
+  for (int i = 0; i <= 10; ++i) {
+    expect_same(Interpolate(way.front(), way.back(), 0.1 * i), way[static_cast<size_t>(i)]);
+    expect_same(Interpolate(way.front().inverse(), way.back().inverse(), 0.1 * i),
+                way[static_cast<size_t>(i)].inverse());
+    expect_same(Interpolate(way.front() * arm, way.back() * arm, 0.1 * i), way[static_cast<size_t>(i)] * arm);
+  }
+  RigidTransform moved = start;
+  moved.translation().x() += 2;
+  EXPECT_NEAR(Interpolate(start, moved, 0.25).translation().x(), start.translation().x() + 0.5, 1e-9);
 }
 
 }  // namespace

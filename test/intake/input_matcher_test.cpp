@@ -99,15 +99,45 @@ TEST(InputMatcher, MatchesWithinTheToleranceBeforeAndAfter) {
   }
 }
 
-TEST(InputMatcher, TakesTheNearestOfTwoPosesAndEachOnce) {
+TEST(InputMatcher, TakesThePoseBetweenTwoWithinTheTolerance) {
   Matching m(WithTolerance(0.02));
   m.Pose(-15 * kMs, 1);
   m.Image(0);
-  EXPECT_THAT(m.Take().stamps, IsEmpty()) << "a nearer pose may still come";
+  EXPECT_THAT(m.Take().stamps, IsEmpty()) << "a later pose may still come";
+  m.Pose(5 * kMs, 2);
+  m.Image(2 * kMs);
+  const std::vector<double> between = m.Take().poses;
+  ASSERT_EQ(between.size(), 2u);
+  EXPECT_NEAR(between[0], 1.75, 1e-12);
+  EXPECT_NEAR(between[1], 1.85, 1e-12) << "a pose may be beside several images";
+  m.Image(5 * kMs + kMs / 2);
+  EXPECT_THAT(m.Take().poses, ElementsAre(2)) << "of its stamp";
+  const PoseUse& use = m.matcher.pose_use();
+  EXPECT_EQ(use.same, 1u);
+  EXPECT_EQ(use.between, 2u);
+  EXPECT_EQ(use.nearest, 0u);
+  EXPECT_EQ(use.farthest_ns, 5 * kMs);
+}
+
+TEST(InputMatcher, TakesTheNearestPoseWhereTheOtherIsTooFarAndEachOnce) {
+  Matching m(WithTolerance(0.02));
+  m.Pose(-15 * kMs, 1);
+  m.Image(0);
+  m.Image(2 * kMs);
+  m.Pose(50 * kMs, 2);
+  EXPECT_THAT(m.Take().poses, ElementsAre(1));
+  EXPECT_EQ(m.matcher.pose_use().nearest, 1u);
+  EXPECT_EQ(m.matcher.pose_use().farthest_ns, 15 * kMs);
+}
+
+TEST(InputMatcher, DoesNotMixPosesOfTwoWorlds) {
+  Matching m(WithTolerance(0.02));
+  PoseSample pose = PoseAt(kT0 - 6 * kMs, 1);
+  pose.world_frame = "map";
+  m.matcher.AddPose(pose);
+  m.Image(0);
   m.Pose(5 * kMs, 2);
   EXPECT_THAT(m.Take().poses, ElementsAre(2));
-  m.Image(5 * kMs + kMs / 2);
-  EXPECT_THAT(m.Take().stamps, IsEmpty());
 }
 
 TEST(InputMatcher, DropsOvertakenImagesAndNamesTheNearestPose) {

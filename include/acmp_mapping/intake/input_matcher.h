@@ -55,6 +55,12 @@ struct PoseGap {
   std::string problem;            ///< what a source that is asked for poses said; else empty
 };
 
+/// Where the poses of images come from, as far as their source tells stamps (tf does not).
+struct PoseUse {
+  uint64_t same = 0, between = 0, nearest = 0;  ///< images with the pose of their stamp, between two, with the nearest
+  int64_t farthest_ns = 0;                      ///< of those of the latter two, from the nearest pose
+};
+
 /// Streams whose stamps go back by less brought them in the wrong order; by more, they belong to another run.
 constexpr int64_t kTimeJumpNs = 200000000;
 constexpr int64_t kSameExposureNs = 1000000;  ///< rounding of stamps stays far below, the shortest frame interval above
@@ -132,11 +138,12 @@ class StreamBuffer {
 /// doubles, publish a pose one or more images late and stamp clouds with the time of sending, so neither equal stamps
 /// nor any order between the streams is assumed; only poses among themselves come in order. Not thread-safe.
 ///
-/// An image takes the nearest pose within the tolerance. A pose earlier than the image by more than kSameExposureNs is
-/// taken only once a later one has come, since that could be nearer. A mask or prior depth belongs to the image of its
-/// stamp, rounding aside, a source camera's image to that within its tolerance, and is not waited for once one of a
-/// later image has come. Matches come out in the order of the images' stamps; images that were overtaken by a match are
-/// dropped, since frontends need not give every image a pose.
+/// An image takes the pose of its stamp (kSameExposureNs), else that between the poses before and after it where both
+/// are within the tolerance, else the nearest within. A pose earlier than the image by more than kSameExposureNs is
+/// taken only once a later one has come. A mask or prior depth belongs to the image of its stamp, rounding aside, a
+/// source camera's image to that within its tolerance, and is not waited for once one of a later image has come.
+/// Matches come out in the order of the images' stamps; images that were overtaken by a match are dropped, since
+/// frontends need not give every image a pose.
 class InputMatcher {
  public:
   explicit InputMatcher(const InputMatcherOptions& options);
@@ -177,6 +184,7 @@ class InputMatcher {
   std::optional<PoseWait> longest_pose_wait() const;
   size_t waiting_images() const { return images_.size(); }
   const std::optional<PoseGap>& last_gap() const { return last_gap_; }
+  const PoseUse& pose_use() const { return pose_use_; }
 
  private:
   struct WaitingImage {
@@ -195,6 +203,10 @@ class InputMatcher {
   void HandleTimeJump(int64_t stamp_ns);
   void EvictOldestImage();
   void FindPoses(double now_s);
+  /// Of an image; none yet, or at all. Marks the one that is used.
+  std::optional<PoseSample> FindPose(int64_t stamp_ns);
+  /// Between those before and after, if both are within the tolerance.
+  std::optional<PoseSample> PoseBetween(int64_t stamp_ns) const;
   bool PoseIsFinal(int64_t image_stamp_ns, int64_t pose_stamp_ns) const;
   void EmitReady(double now_s, bool wait);
   bool CloudIsSettled(const WaitingImage& image, double now_s) const;
@@ -223,6 +235,7 @@ class InputMatcher {
   std::optional<int64_t> newest_image_ns_;
   std::optional<int64_t> last_match_ns_;
   std::optional<PoseGap> last_gap_;
+  PoseUse pose_use_;
 };
 
 }  // namespace acmp

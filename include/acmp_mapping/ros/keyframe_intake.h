@@ -103,6 +103,7 @@ class KeyframeIntake {
   /// only until the first image has got one: many frontends pose some images alone.
   std::string DescribeWait(double now_s) const;
   const std::optional<PoseGap>& last_gap() const { return matcher_.last_gap(); }
+  const PoseUse& pose_use() const { return matcher_.pose_use(); }
   uint64_t not_chosen() const { return not_chosen_; }  ///< posed images that the gate passed over
   /// Share of the first keyframes' sparse points, 0..1; none before the first point.
   std::optional<double> share_in_front() const { return convention_check_.share_in_front(); }
