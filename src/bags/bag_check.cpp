@@ -222,9 +222,14 @@ void ReportCompanions(const BagTopics& topics, const IntakeRun& run, Findings* f
 }
 
 /// @param asked_for else nobody has said that the other camera is fixed to this one
-void ReportSources(const BagTopics& topics, const IntakeRun& run, bool asked_for, Findings* findings) {
+void ReportSources(const BagTopics& topics, IntakeRun* tells, bool asked_for, Findings* findings) {
   const TopicChoice& chosen = topics.chosen;
+  const IntakeRun& run = *tells;
   for (size_t i = 0; i < chosen.source_images.size(); ++i) {
+    const std::string verdict = tells->rigs[chosen.source_images[i]].Judge(true);
+    if (!verdict.empty() && asked_for) {
+      findings->Add(Severity::kWarning, "source images ", chosen.source_images[i], ": ", verdict);
+    }
     const auto found = run.with_source.find(chosen.source_images[i]);
     const size_t count = found == run.with_source.end() ? 0 : found->second;
     const std::string what = Concat(count, " of ", run.keyframes, " images have one of ", chosen.source_images[i]);
@@ -232,9 +237,10 @@ void ReportSources(const BagTopics& topics, const IntakeRun& run, bool asked_for
       ReportStream("source images " + chosen.source_images[i], run.source_images[i], 1, "", findings);
       findings->Add(count > 0 ? Severity::kOk : Severity::kError, "source images: ", what, "; ", run.source_places);
     } else {
-      findings->Add(Severity::kOk,
-                    "if another camera is fixed to this one, its images can be source views: ", SourceArguments(chosen),
-                    count > 0 ? Concat(" (", what, "; ", run.source_places, ")") : "");
+      findings->Add(
+          Severity::kOk,
+          "if another camera is fixed to this one, its images can be source views: ", SourceArguments(chosen),
+          count > 0 ? Concat(" (", what, "; ", run.source_places, verdict.empty() ? "" : "; but ", verdict, ")") : "");
     }
   }
 }
@@ -375,7 +381,7 @@ BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
   ReportImages(topics, run, &findings);
   ReportCamera(topics, options.calibration_file, run, &findings);
   ReportPoses(topics, options, run, verdict, !chosen.source_images.empty(), &findings);
-  ReportSources(topics, run, asked_for_sources, &findings);
+  ReportSources(topics, &run, asked_for_sources, &findings);
   ReportCompanions(topics, run, &findings);
   ReportIntake(run, options.matcher.sync_tolerance_s, verdict, asked_for_sources, &findings);
   const bool can_start = !chosen.image.empty() && (!chosen.pose.empty() || options.pose_source == PoseSource::kTf);

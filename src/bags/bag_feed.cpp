@@ -197,14 +197,26 @@ class BagFeed {
     const double since_start_s = std::max(0.0, static_cast<double>(keyframe.stamp_ns - *first_ns_) * 1e-9);
     const size_t row = row_s_ > 0 ? static_cast<size_t>(std::min(since_start_s / row_s_, kRows - 1.0)) : 0;
     if (views_[row]++ >= kViewsInARow) return;
-    if (keyframe.calibration != rectified_) {
-      rectified_ = keyframe.calibration;
-      const Lens lens = rectified_->MakeLens();
-      rectifier_.emplace(lens, FacesOf(lens).front());
-    }
+    const RigidTransform cam_from_world = keyframe.world_from_cam.inverse();
+    const auto frame_of = [&](const EncodedImage& image, const CalibrationPtr& calibration,
+                              const RigidTransform& pose) {
+      RectifiedCamera& camera = cameras_[image.topic];
+      if (camera.calibration != calibration) {
+        camera.calibration = calibration;
+        const Lens lens = calibration->MakeLens();
+        camera.rectifier.emplace(lens, FacesOf(lens).front());
+      }
+      const PinholeFace& face = camera.rectifier->face();
+      return MakeFrame(0, 0, camera.rectifier->Rectify(DecodeRgb(image)), face.camera,
+                       RigidTransform(face.lens_from_face.transpose()) * pose, keyframe.landmarks_in_world, kSize);
+    };
     try {
-      run_.images_of_poses->Add(MakeFrame(0, 0, rectifier_->Rectify(DecodeRgb(*keyframe.image)),
-                                          rectifier_->face().camera, keyframe.world_from_cam.inverse(), {}, kSize));
+      const Frame frame = frame_of(*keyframe.image, keyframe.calibration, cam_from_world);
+      run_.images_of_poses->Add(frame);
+      for (const SourceImage& source : keyframe.source_images) {
+        run_.rigs[source.image->topic].Add(
+            frame, frame_of(*source.image, source.calibration, source.source_from_cam * cam_from_world));
+      }
     } catch (const InvalidInputError&) {  // of another size than its camera's, which is told
     }
   }
@@ -217,8 +229,11 @@ class BagFeed {
   const double row_s_;  ///< of the recording, from which a row of images is matched
   std::array<size_t, kRows> views_ = {};
   std::optional<int64_t> first_ns_, view_ns_;  ///< of keyframes: the first; the last that might be matched
-  CalibrationPtr rectified_;
-  std::optional<Rectifier> rectifier_;  ///< of that
+  struct RectifiedCamera {
+    CalibrationPtr calibration;
+    std::optional<Rectifier> rectifier;  ///< of that
+  };
+  std::map<std::string, RectifiedCamera> cameras_;  ///< by topic
 };
 
 }  // namespace

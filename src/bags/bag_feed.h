@@ -10,9 +10,10 @@
 #include <rosbag/bag.h>
 
 #include "acmp_mapping/bags/bag_check.h"
+#include "acmp_mapping/intake/reading_check.h"
+#include "acmp_mapping/intake/rig_check.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/ros/input_sources.h"
-#include "acmp_mapping/ros/reading_check.h"
 
 namespace acmp {
 
@@ -59,6 +60,7 @@ struct IntakeRun {
   size_t keyframes = 0, masked = 0, time_jumps = 0;
   std::map<std::string, size_t> with_source;      ///< keyframes that have an image of this topic
   std::string source_places;                      ///< where these are
+  std::map<std::string, RigCheck> rigs;           ///< whether the images say the same, by topic
   std::unique_ptr<ReadingCheck> images_of_poses;  ///< some keyframes in a row, from several places of the recording
   PoseSemantics semantics;                        ///< with the T_body_cam in use, or known
   size_t posed = 0;                               ///< images that have got a pose, whatever became of them

@@ -115,6 +115,7 @@ void MapperWorker::StartOver() {
   queue_.PushCommand([this] {
     if (mapper_) FlushMapper();
     if (mapper_) mapper_->Reset();
+    ForgetRigs();  // another world may have another unit
     run_ = NewRun();
   });
 }
@@ -127,8 +128,35 @@ std::string MapperWorker::Reset() {
   return RunCommand(true, [this] {
     const std::unique_ptr<StopRequest, void (*)(StopRequest*)> clear(&stop_, [](StopRequest* stop) { stop->Clear(); });
     if (mapper_) mapper_->Reset();
+    ForgetRigs();
     run_ = NewRun();
   });
+}
+
+RigCheck& MapperWorker::RigCheckOf(const std::string& topic) {
+  const std::lock_guard<std::mutex> lock(status_mutex_);
+  return rig_checks_[topic];
+}
+
+void MapperWorker::ForgetRigs() {
+  const std::lock_guard<std::mutex> lock(status_mutex_);
+  for (auto& [topic, check] : rig_checks_) check.Clear();
+}
+
+void MapperWorker::JudgeRigs(bool at_end) {
+  std::vector<std::pair<std::string, RigCheck*>> checks;
+  {
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    for (auto& [topic, check] : rig_checks_) checks.emplace_back(topic, &check);
+  }
+  std::string text;
+  for (const auto& [topic, check] : checks) {
+    const std::string verdict = check->Judge(at_end);
+    if (!verdict.empty()) text += Concat(text.empty() ? "" : "; ", "the source camera of ", topic, ": ", verdict);
+  }
+  bool is_new = false;
+  UpdateStatus([&](WorkerStatus* status) { is_new = std::exchange(status->rig, text) != text; });
+  if (is_new && !text.empty()) outputs_->Report({"source_camera_place", text});
 }
 
 std::string MapperWorker::RunCommand(bool urgent, const std::function<void()>& work) {
@@ -236,11 +264,9 @@ void MapperWorker::Process(const KeyframeInput& input) {
   Timer timer;
   UseOptions();
 
-  const Capture capture = {PrepareFrames(input, true), PrepareCompanions(input)};
+  Capture capture = {PrepareFrames(input, true), {}};
   const Frame& frame = *capture.keyframes.front();
-  for (const FramePtr& companion : capture.companions) {
-    if (const auto warning = rig_unit_check_.Add(frame, *companion)) outputs_->Report({"rig_unit", *warning});
-  }
+  capture.companions = PrepareCompanions(input, frame);
   const double preparation_ms = timer.Lap();
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
@@ -363,6 +389,7 @@ cv::Mat MapperWorker::Decode(const EncodedImage& image, const CalibrationPtr& ca
       for (PinholeFace& face : faces) made.rectifiers.emplace_back(lens, std::move(face));
     }
     *camera = std::move(made);
+    if (!calibration->note.empty()) outputs_->Report({"assumed_lens", Concat(image.topic, ": ", calibration->note)});
   }
   const std::string note = camera->decoder.note();
   cv::Mat rgb = camera->decoder.Decode(image, &calibration->camera);
@@ -394,7 +421,7 @@ std::vector<FramePtr> MapperWorker::PrepareFrames(const KeyframeInput& input, bo
   return frames;
 }
 
-std::vector<FramePtr> MapperWorker::PrepareCompanions(const KeyframeInput& input) {
+std::vector<FramePtr> MapperWorker::PrepareCompanions(const KeyframeInput& input, const Frame& keyframe) {
   std::vector<FramePtr> companions;
   for (const SourceImage& source : input.source_images) {
     try {
@@ -407,6 +434,7 @@ std::vector<FramePtr> MapperWorker::PrepareCompanions(const KeyframeInput& input
                                 face.camera, RigidTransform(face.lens_from_face.transpose()) * source_from_world, {},
                                 SizeOf(face.camera, camera), rectifier.RectifyMask({}));
         frame.color = {};  // points get their colours from the keyframe
+        if (&rectifier == &camera.rectifiers.front()) RigCheckOf(source.image->topic).Add(keyframe, frame);
         companions.push_back(std::make_shared<const Frame>(std::move(frame)));
       }
     } catch (const InvalidInputError& error) {

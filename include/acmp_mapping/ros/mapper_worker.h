@@ -11,9 +11,9 @@
 
 #include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/image/rectifier.h"
+#include "acmp_mapping/intake/rig_check.h"
 #include "acmp_mapping/mapping/auto_preset.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
-#include "acmp_mapping/mapping/rig_unit_check.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/options.h"
 #include "acmp_mapping/ros/output_publisher.h"
@@ -37,6 +37,7 @@ struct WorkerStatus {
   PoseChecks pose_checks;
   std::string distortion;     ///< what the images say of the calibration's distortion; empty: nothing
   std::string camera_errors;  ///< of less distortion
+  std::string rig;            ///< what the images say of where source cameras lie; empty: nothing
   OutputStatus outputs;
 };
 
@@ -80,6 +81,10 @@ class MapperWorker {
   void Stop();
 
   WorkerStatus status() const;
+  /// Asks the images where source cameras lie: status().rig says it from then on, and an incident once. It may take
+  /// some tenths of a second.
+  /// @param at_end of RigCheck
+  void JudgeRigs(bool at_end);
   size_t queued() const { return queue_.waiting_inputs(); }
 
  private:
@@ -109,11 +114,13 @@ class MapperWorker {
   /// @param keeps_image as ~keep_images says; else not
   std::vector<FramePtr> PrepareFrames(const KeyframeInput& input, bool keeps_image);
   /// The source cameras' images that were taken with it. One that cannot be used is told and left out.
-  std::vector<FramePtr> PrepareCompanions(const KeyframeInput& input);
+  std::vector<FramePtr> PrepareCompanions(const KeyframeInput& input, const Frame& keyframe);
   /// Of the image as sent: what the mask of all images and its own leave. One that cannot be used is told and left out.
   Mask MaskOf(const KeyframeInput& input);
   /// Of the image as sent; empty: it has none. One that cannot be used is told and left out.
   DepthMap PriorDepthOf(const KeyframeInput& input);
+  RigCheck& RigCheckOf(const std::string& topic);
+  void ForgetRigs();
   /// Has the worker do `work` and waits for it. Empty when done, else why not.
   std::string RunCommand(bool urgent, const std::function<void()>& work);
   template <class Change>
@@ -132,7 +139,8 @@ class MapperWorker {
 
   mutable std::mutex status_mutex_;
   WorkerStatus status_;
-  std::deque<int64_t> newest_stamps_ns_;  ///< of keyframes that were queued, also of those that get no maps
+  std::map<std::string, RigCheck> rig_checks_;  ///< by topic; the map grows under status_mutex_, and nothing leaves it
+  std::deque<int64_t> newest_stamps_ns_;        ///< of keyframes that were queued, also of those that get no maps
 
   // Used by the worker thread alone.
   std::unique_ptr<DepthEngine> engine_;
@@ -142,7 +150,6 @@ class MapperWorker {
   Camera camera_;
   std::map<std::string, Camera> source_cameras_;  ///< by topic
   std::optional<AutoPreset> auto_preset_;
-  RigUnitCheck rig_unit_check_;
   int64_t next_id_ = 0;  ///< never goes back, whatever stamps do
   uint64_t run_ = 0;
 

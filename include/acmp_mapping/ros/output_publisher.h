@@ -15,9 +15,9 @@
 #include <ros/node_handle.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
+#include "acmp_mapping/intake/reading_check.h"
 #include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/keyframe_outputs.h"
-#include "acmp_mapping/ros/reading_check.h"
 
 namespace acmp {
 

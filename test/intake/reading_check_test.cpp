@@ -1,4 +1,4 @@
-#include "acmp_mapping/ros/reading_check.h"
+#include "acmp_mapping/intake/reading_check.h"
 
 #include <random>
 

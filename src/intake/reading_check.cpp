@@ -1,4 +1,4 @@
-#include "acmp_mapping/ros/reading_check.h"
+#include "acmp_mapping/intake/reading_check.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,8 +7,6 @@
 #include <utility>
 
 #include <Eigen/Dense>
-#include <opencv2/features2d.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "acmp_mapping/common/error.h"
 
@@ -18,18 +16,13 @@ namespace {
 using Direction = PoseSemantics::Direction;
 using Child = PoseSemantics::Child;
 
-constexpr size_t kMostGap = 3;     ///< images, of a pair
-constexpr int kOrbPatchSize = 31;  ///< px: ORB throws for images that hold none
-constexpr int kSmallSize = 640;    ///< px, of the longer side
+constexpr size_t kMostGap = 3;  ///< images, of a pair
 constexpr size_t kFewestMatches = 40, kFewestMatchesOfAll = 400;
 constexpr size_t kFewestPairs = 12;          ///< of 6 images: of fewer, poses turn too little to tell readings apart
 constexpr double kCertainShare = 0.8;        ///< of a listed reading; below, any rotation is tried as well ...
 constexpr double kMoreOfAnyRotation = 1.15;  ///< ... which has parameters to fit, so it must have more by so much
 constexpr double kClearlyMoreNear = 1.5;     ///< times as many
 constexpr double kDegree = M_PI / 180;
-
-/// Errors of good poses and matches, px.
-double NearLine(double focal_length) { return std::clamp(0.006 * focal_length, 1.5, 3.0); }
 
 /// Poses of the child, if they are of this direction.
 std::pair<RigidTransform, RigidTransform> ChildPoses(const PoseSemantics& configured, const MatchedImages& pair,
@@ -41,17 +34,7 @@ std::pair<RigidTransform, RigidTransform> ChildPoses(const PoseSemantics& config
   return {one.inverse(), other.inverse()};
 }
 
-/// Whether the rays meet before both cameras, or are too near to parallel to tell.
-bool AreBeforeBoth(const RigidTransform& other_from_one, const Eigen::Vector3d& ray, const Eigen::Vector3d& other_ray,
-                   double least_parallax) {
-  const Eigen::Vector3d turned = other_from_one.linear() * ray, normal = turned.cross(other_ray);
-  if (normal.norm() < least_parallax * turned.norm() * other_ray.norm()) return true;
-  const Eigen::Vector3d& shift = other_from_one.translation();  // depth * turned + shift = other_depth * other_ray
-  return other_ray.cross(shift).dot(normal) > 0 && turned.cross(shift).dot(normal) > 0;
-}
-
-/// Calls function(distance) with each match's distance from its epipolar line (Sampson's approximation), in NearLines;
-/// infinite for one that would be behind a camera.
+/// Calls function(distance) with the EpipolarDistance of matches.
 /// @param step takes each step-th match
 template <class Function>
 void ForEachDistance(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs,
@@ -60,14 +43,8 @@ void ForEachDistance(const PoseSemantics& configured, const std::vector<MatchedI
   for (const MatchedImages& pair : pairs) {
     const auto [one, other] = ChildPoses(configured, pair, reading.semantics.direction);
     const RigidTransform other_from_one = (other * child_from_cam).inverse() * (one * child_from_cam);
-    const Eigen::Vector3d shift = other_from_one.translation();
-    const double unit = NearLine(pair.focal_length) / pair.focal_length;
     for (size_t i = 0; i < pair.rays.size(); i += step) {
-      const Eigen::Vector3d line = shift.cross(other_from_one.linear() * pair.rays[i]);
-      const Eigen::Vector3d back = other_from_one.linear().transpose() * pair.other_rays[i].cross(shift);
-      const double norm = std::sqrt(line.head<2>().squaredNorm() + back.head<2>().squaredNorm());
-      const bool before = AreBeforeBoth(other_from_one, pair.rays[i], pair.other_rays[i], unit);
-      function(norm > 0 && before ? std::abs(pair.other_rays[i].dot(line)) / (norm * unit) : HUGE_VAL);
+      function(EpipolarDistance(other_from_one, pair.rays[i], pair.other_rays[i], pair.focal_length));
     }
   }
 }
@@ -237,14 +214,8 @@ ReadingVerdict JudgeReadings(const PoseSemantics& configured, const std::vector<
 }
 
 void ReadingCheck::Add(const Frame& frame) {
-  const PinholeCamera& camera = frame.camera;
-  const double scale = std::min(1.0, static_cast<double>(kSmallSize) / std::max(camera.width, camera.height));
-  if (scale * std::min(camera.width, camera.height) < kOrbPatchSize + 1) return;
-  SmallImage image;
-  cv::Mat(camera.height, camera.width, CV_32F, const_cast<float*>(frame.gray.data())).convertTo(image.gray, CV_8U);
-  if (scale < 1) cv::resize(image.gray, image.gray, {}, scale, scale, cv::INTER_AREA);
-  image.camera = camera.Resized(image.gray.cols, image.gray.rows);
-  image.world_from_cam = frame.cam_from_world.inverse();
+  SmallImage image = MakeSmallImage(frame);
+  if (image.gray.empty()) return;
   const std::lock_guard<std::mutex> lock(mutex_);
   images_.push_back(std::move(image));
   if (images_.size() > kept_images_) images_.pop_front();
@@ -273,28 +244,17 @@ ReadingVerdict ReadingCheck::verdict() const {
 }
 
 std::vector<MatchedImages> ReadingCheck::Match() const {
-  const cv::Ptr<cv::ORB> orb = cv::ORB::create(1000);
-  const cv::BFMatcher matcher(cv::NORM_HAMMING);
-  std::vector<std::vector<cv::KeyPoint>> points(images_.size());
-  std::vector<cv::Mat> descriptors(images_.size());
+  std::vector<FeatureImage> images;
   std::vector<MatchedImages> pairs;
-  for (size_t i = 0; i < images_.size(); ++i) {
-    orb->detectAndCompute(images_[i].gray, cv::noArray(), points[i], descriptors[i]);
-    for (size_t j = i < kMostGap ? 0 : i - kMostGap; j < i; ++j) {
-      MatchedImages pair = {
-          {}, {}, images_[j].world_from_cam, images_[i].world_from_cam.inverse(), images_[i].camera.fx};
-      std::vector<std::vector<cv::DMatch>> candidates;
-      if (!descriptors[j].empty() && !descriptors[i].empty()) {
-        matcher.knnMatch(descriptors[j], descriptors[i], candidates, 2);
-      }
-      for (const std::vector<cv::DMatch>& nearest : candidates) {
-        constexpr float kUnique = 0.8f;  // Lowe's ratio
-        if (nearest.size() < 2 || nearest[0].distance > kUnique * nearest[1].distance) continue;
-        const auto ray = [](const PinholeCamera& camera, const cv::KeyPoint& point) {
-          return Eigen::Vector3d(camera.Unproject({point.pt.x, point.pt.y}, 1));
-        };
-        pair.rays.push_back(ray(images_[j].camera, points[j][static_cast<size_t>(nearest[0].queryIdx)]));
-        pair.other_rays.push_back(ray(images_[i].camera, points[i][static_cast<size_t>(nearest[0].trainIdx)]));
+  for (const SmallImage& image : images_) {
+    images.push_back(FindFeatures(image));
+    const FeatureImage& other = images.back();
+    for (size_t i = images.size() - 1, j = i < kMostGap ? 0 : i - kMostGap; j < i; ++j) {
+      const FeatureImage& one = images[j];
+      MatchedImages pair = {{}, {}, one.cam_from_world.inverse(), other.cam_from_world, other.camera.fx};
+      for (const PixelMatch& match : MatchFeatures(one, other)) {
+        pair.rays.emplace_back(one.camera.Unproject(one.pixels[match.one], 1));
+        pair.other_rays.emplace_back(other.camera.Unproject(other.pixels[match.other], 1));
       }
       if (pair.rays.size() >= kFewestMatches) pairs.push_back(std::move(pair));
     }

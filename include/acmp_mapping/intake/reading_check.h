@@ -8,10 +8,8 @@
 #include <string>
 #include <vector>
 
-#include <opencv2/core.hpp>
-
+#include "acmp_mapping/intake/image_matches.h"
 #include "acmp_mapping/intake/pose_semantics.h"
-#include "acmp_mapping/keyframe/frame.h"
 
 namespace acmp {
 
@@ -64,11 +62,6 @@ class ReadingCheck {
   ReadingVerdict verdict() const;
 
  private:
-  struct SmallImage {
-    cv::Mat gray;  ///< 8 bits
-    PinholeCamera camera;
-    RigidTransform world_from_cam;
-  };
   std::vector<MatchedImages> Match() const;
 
   const size_t kept_images_;

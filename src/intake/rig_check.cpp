@@ -1,0 +1,231 @@
+#include "acmp_mapping/intake/rig_check.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include <Eigen/Dense>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core/eigen.hpp>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/median.h"
+#include "acmp_mapping/keyframe/landmark_visibility.h"
+
+namespace acmp {
+namespace {
+
+constexpr size_t kKeptPairs = 8;
+constexpr uint64_t kFirstPairs = 5;
+constexpr size_t kMostLandmarks = 2000;  // of an image
+constexpr size_t kFewestRigMatches = 60;
+constexpr double kFits = 0.5;                // share of the matches: those of good calibrations are 0.7 to 0.95
+constexpr double kFitsNowhere = 0.4;         // as chance and repeated texture bring
+constexpr double kClearlyMoreMatches = 1.5;  // times as many
+
+double ShareThatFits(const RigMatches& matches, const RigidTransform& source_from_cam) {
+  size_t near = 0;
+  for (size_t i = 0; i < matches.rays.size(); ++i) {
+    near += EpipolarDistance(source_from_cam, matches.rays[i], matches.other_rays[i], matches.focal_length) < 1;
+  }
+  return static_cast<double>(near) / static_cast<double>(std::max<size_t>(1, matches.rays.size()));
+}
+
+/// The place that most matches fit, of any (the essential matrix), with a distance of 1.
+std::optional<RigidTransform> FitPlace(const RigMatches& matches) {
+  constexpr double kSure = 0.999;
+  std::vector<cv::Point2d> rays, other_rays;
+  for (size_t i = 0; i < matches.rays.size(); ++i) {
+    rays.emplace_back(matches.rays[i].x(), matches.rays[i].y());
+    other_rays.emplace_back(matches.other_rays[i].x(), matches.other_rays[i].y());
+  }
+  const cv::Mat essential = cv::findEssentialMat(rays, other_rays, cv::Mat::eye(3, 3, CV_64F), cv::RANSAC, kSure,
+                                                 NearLine(matches.focal_length) / matches.focal_length);
+  if (essential.rows != 3 || essential.cols != 3) return std::nullopt;
+  cv::Mat rotations[2], shift;
+  cv::decomposeEssentialMat(essential, rotations[0], rotations[1], shift);
+  std::optional<RigidTransform> best;
+  double most = 0;
+  for (const cv::Mat& rotation : rotations) {
+    for (const double sign : {1.0, -1.0}) {
+      Eigen::Matrix3d linear;
+      Eigen::Vector3d translation;
+      cv::cv2eigen(rotation, linear);
+      cv::cv2eigen(shift, translation);
+      RigidTransform place(linear);
+      place.translation() = sign * translation;
+      const double share = ShareThatFits(matches, place);
+      if (share > most) most = share, best = place;
+    }
+  }
+  return best;
+}
+
+double DegreesBetween(const RigidTransform& a, const RigidTransform& b) {
+  return Eigen::AngleAxisd(a.linear() * b.linear().transpose()).angle() * 180 / M_PI;
+}
+
+std::string Rounded(const Eigen::Vector3d& place, double parts) {
+  const Eigen::Vector3d rounded = (parts * place).array().round() / parts + 0.0;  // never "-0"
+  return Concat("(", rounded.x(), ", ", rounded.y(), ", ", rounded.z(), ")");
+}
+
+long PerCent(double share) { return std::lround(100 * share); }
+
+/// Depth of a match by the poses of both images; none where it does not fit them, or the rays are nearly parallel.
+std::optional<double> Triangulated(const RigidTransform& other_from_one, const Eigen::Vector3d& ray,
+                                   const Eigen::Vector3d& other_ray, double focal_length) {
+  constexpr double kLeastLines = 2;  // parallax, in NearLines: of less the depth is off by a third and more
+  const double least_parallax = kLeastLines * NearLine(focal_length) / focal_length;
+  const Eigen::Vector3d turned = other_from_one.linear() * ray, normal = turned.cross(other_ray);
+  if (EpipolarDistance(other_from_one, ray, other_ray, focal_length) >= 1) return std::nullopt;
+  if (normal.norm() < least_parallax * turned.norm() * other_ray.norm()) return std::nullopt;
+  return other_ray.cross(other_from_one.translation()).dot(normal) / normal.squaredNorm();
+}
+
+/// The length of the baseline in that which is declared, by matches of known depth; none where these tell too little or
+/// contradict each other.
+std::optional<double> FindLength(const RigMatches& matches, const RigidTransform& source_from_cam) {
+  constexpr size_t kFewest = 20;
+  constexpr double kAgree = 0.2, kMostAgree = 0.5;  // of the ratio; of the matches
+  std::vector<double> ratios;
+  for (size_t i = 0; i < matches.rays.size(); ++i) {
+    if (!matches.depths[i]) continue;
+    const auto depth = Triangulated(source_from_cam, matches.rays[i], matches.other_rays[i], matches.focal_length);
+    if (depth && *depth > 0) ratios.push_back(*matches.depths[i] / *depth);
+  }
+  if (ratios.size() < kFewest) return std::nullopt;
+  const double middle = Median(ratios);
+  const auto agree =
+      std::count_if(ratios.begin(), ratios.end(), [&](double ratio) { return std::abs(ratio / middle - 1) < kAgree; });
+  if (static_cast<double>(agree) < kMostAgree * static_cast<double>(ratios.size())) return std::nullopt;
+  return middle;
+}
+
+/// Depths of an image's pixels, by the landmark next to each, else by matches with the image before.
+std::vector<std::optional<double>> KnownDepths(const FeatureImage& image,
+                                               const std::vector<Eigen::Vector3d>& landmarks_in_world,
+                                               const std::optional<FeatureImage>& before) {
+  constexpr double kBeside_px = 8;
+  std::vector<std::optional<double>> depths(image.pixels.size());
+  if (before) {
+    const RigidTransform before_from_image = before->cam_from_world * image.cam_from_world.inverse();
+    for (const PixelMatch& match : MatchFeatures(image, *before)) {
+      depths[match.one] = Triangulated(before_from_image, image.camera.Unproject(image.pixels[match.one], 1),
+                                       before->camera.Unproject(before->pixels[match.other], 1), before->camera.fx);
+    }
+  }
+  const LandmarksInView seen = FindLandmarksInView(landmarks_in_world, image.camera, image.cam_from_world);
+  std::vector<double> nearest(image.pixels.size(), kBeside_px);
+  const size_t step = 1 + seen.depths.size() / kMostLandmarks;
+  for (size_t i = 0; i < seen.depths.size(); i += step) {
+    const Eigen::Vector2d pixel = image.camera.Project(image.cam_from_world * seen.points_in_world[i]);
+    for (size_t j = 0; j < nearest.size(); ++j) {
+      const double distance = (pixel - image.pixels[j]).norm();
+      if (distance < nearest[j]) nearest[j] = distance, depths[j] = seen.depths[i];
+    }
+  }
+  return depths;
+}
+
+std::string DescribeLength(double length) {
+  constexpr double kSame = 1.18;  // within 15 % it is what calibrations are off by
+  if (length < kSame && length > 1 / kSame) return "";
+  constexpr double kUnit = 1.2;  // a monocular scale is there by chance only
+  std::string why = "Poses of a monocular frontend without an IMU are not in metres";
+  for (const auto& [factor, unit] : {std::pair<double, const char*>{1e-3, "millimetres"}, {1e-2, "centimetres"}}) {
+    if (length > factor / kUnit && length < factor * kUnit) why = Concat("The baseline is in ", unit);
+  }
+  return Concat(
+      "the baseline is not in the unit of the poses: matches of known depth fit if it were ",
+      std::round(length * 10000) / 10000, " times as long. ", why,
+      ": multiply the translation of ~T_cam_source (or P[3] of the camera_infos) by that, or go without source "
+      "cameras");
+}
+
+}  // namespace
+
+std::string JudgeRig(const RigMatches& matches) {
+  if (matches.rays.size() < kFewestRigMatches) return "";
+  const RigidTransform& declared = matches.source_from_cam;
+  const double share = ShareThatFits(matches, declared);
+  const std::string at = Concat("where it is declared, ", PerCent(share), " % of ", matches.rays.size(),
+                                " matches between images of one instant fit; ");
+  const auto fits = [&](double other) { return other >= kFits && other > kClearlyMoreMatches * share; };
+  RigidTransform other_side = declared;
+  other_side.translation() *= -1;
+  for (const RigidTransform& place : {other_side, declared.inverse()}) {
+    const double share_there = ShareThatFits(matches, place);
+    if (!fits(share_there)) continue;
+    return Concat(
+        at, PerCent(share_there), " % fit at ", Rounded(place.inverse().translation(), 1000),
+        " of the camera: the sign of P[3] of the camera_infos is wrong, ~T_cam_source is inverted, or the two "
+        "cameras are swapped");
+  }
+  if (share >= kFits) {
+    const auto length = FindLength(matches, declared);
+    return length ? DescribeLength(*length) : "";
+  }
+  const auto place = FitPlace(matches);
+  const double share_of_place = place ? ShareThatFits(matches, *place) : 0;
+  if (fits(share_of_place)) {
+    const double degrees = DegreesBetween(*place, declared);
+    return Concat(
+        at, PerCent(share_of_place), " % fit if it were turned by ", std::round(10 * degrees) / 10,
+        " degrees more and lay in direction ", Rounded(place->inverse().translation(), 100),
+        " of the camera: the images are not rectified as the camera_infos have it (or are already: ~rectified), or "
+        "the calibration is that of another rig");
+  }
+  if (share < kFitsNowhere) {
+    return Concat(at,
+                  "no other place fits either: the images are not of the same instant (~source_tolerance), or the "
+                  "calibration of one camera is wrong (are the images rectified already, or not? ~rectified)");
+  }
+  return "";
+}
+
+void RigCheck::Add(const Frame& keyframe, const Frame& companion) {
+  Pair pair = {MakeSmallImage(keyframe), MakeSmallImage(companion), keyframe.landmarks_in_world};
+  if (pair.image.gray.empty() || pair.other.gray.empty()) return;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  pairs_.push_back(std::move(pair));
+  if (pairs_.size() > kKeptPairs) pairs_.pop_front();
+  ++added_;
+}
+
+void RigCheck::Clear() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  pairs_.clear();
+  added_ = judged_ = 0;
+  verdict_.clear();
+}
+
+std::string RigCheck::Judge(bool at_end) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (at_end ? added_ > judged_ : added_ >= std::max(kFirstPairs, 2 * judged_)) {
+    judged_ = added_;
+    verdict_ = JudgeRig(Match());
+  }
+  return verdict_;
+}
+
+RigMatches RigCheck::Match() const {
+  RigMatches all;
+  std::optional<FeatureImage> before;
+  for (const Pair& pair : pairs_) {
+    FeatureImage image = FindFeatures(pair.image);
+    const FeatureImage other = FindFeatures(pair.other);
+    const std::vector<std::optional<double>> depths = KnownDepths(image, pair.landmarks_in_world, before);
+    for (const PixelMatch& match : MatchFeatures(image, other)) {
+      all.rays.emplace_back(image.camera.Unproject(image.pixels[match.one], 1));
+      all.other_rays.emplace_back(other.camera.Unproject(other.pixels[match.other], 1));
+      all.depths.push_back(depths[match.one]);
+    }
+    all.focal_length = other.camera.fx;
+    all.source_from_cam = other.cam_from_world * image.cam_from_world.inverse();
+    before = std::move(image);
+  }
+  return all;
+}
+
+}  // namespace acmp

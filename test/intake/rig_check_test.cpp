@@ -1,0 +1,108 @@
+#include "acmp_mapping/intake/rig_check.h"
+
+#include <cmath>
+#include <functional>
+
+#include <Eigen/Geometry>
+
+#include "acmp_mapping/synthetic/synthetic_scene.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+/// What is said of a pair that is declared as `change` makes it of the true transform from the left to the right
+/// camera.
+class RigCheckTest : public ::testing::Test {
+ protected:
+  static constexpr double kBaseline_m = 0.11;
+
+  static std::vector<SyntheticView> Views(bool standing) {
+    SyntheticSceneOptions options = {320, 240, 6};
+    options.stereo_baseline_m = kBaseline_m;
+    options.standing = standing;
+    return MakeSyntheticScene(options);
+  }
+
+  static std::string Said(const std::vector<SyntheticView>& views,
+                          const std::function<RigidTransform(const RigidTransform&)>& change, bool landmarks = true) {
+    RigCheck check;
+    for (const SyntheticView& view : views) {
+      Frame left, right;
+      left.camera = view.frame.camera;
+      left.gray = view.frame.gray.Clone();
+      left.cam_from_world = view.frame.cam_from_world;
+      if (landmarks) left.landmarks_in_world = view.frame.landmarks_in_world;
+      right.camera = view.right->camera;
+      right.gray = view.right->gray.Clone();
+      right.cam_from_world = change(view.right->cam_from_world * left.cam_from_world.inverse()) * left.cam_from_world;
+      check.Add(left, right);
+    }
+    return check.Judge(true);
+  }
+
+  static RigidTransform Scaled(RigidTransform transform, double factor) {
+    transform.translation() *= factor;
+    return transform;
+  }
+  /// The factor that a text names.
+  static double FactorIn(const std::string& text) {
+    const size_t at = text.find("if it were ");
+    return at == std::string::npos ? NAN : std::strtod(text.c_str() + at + 11, nullptr);
+  }
+
+  const std::vector<SyntheticView> moving_ = Views(false), standing_ = Views(true);
+};
+
+TEST_F(RigCheckTest, APairThatFitsIsNotToldOf) {
+  for (const auto* views : {&moving_, &standing_}) {
+    EXPECT_EQ(Said(*views, [](const RigidTransform& truth) { return truth; }), "");
+    EXPECT_EQ(Said(*views, [](const RigidTransform& truth) { return Scaled(truth, 1.08); }), "")
+        << "as calibrations are off";
+  }
+}
+
+TEST_F(RigCheckTest, TheWrongSideIsNamed) {
+  for (const auto* views : {&moving_, &standing_}) {
+    EXPECT_THAT(Said(*views, [](const RigidTransform& truth) { return Scaled(truth, -1); }),
+                AllOf(HasSubstr("(0.11, 0, 0) of the camera"), HasSubstr("sign of P[3]"), HasSubstr("T_cam_source")));
+  }
+}
+
+TEST_F(RigCheckTest, ImagesThatAreNotRectifiedAreTold) {
+  for (const auto* views : {&moving_, &standing_}) {
+    const std::string text = Said(*views, [](const RigidTransform& truth) {
+      return RigidTransform(Eigen::AngleAxisd(0.07, Eigen::Vector3d(1, 0.3, 0.5).normalized())) * truth;
+    });
+    EXPECT_THAT(text, AllOf(HasSubstr("rectified"), HasSubstr("turned by")));
+    EXPECT_NEAR(std::strtod(text.c_str() + text.find("turned by ") + 10, nullptr), 0.07 * 180 / M_PI, 0.7) << text;
+  }
+}
+
+TEST_F(RigCheckTest, AnotherUnitIsNamedWithItsFactor) {
+  for (const double factor : {0.3, 4.0, 100.0, 1000.0}) {
+    const auto change = [&](const RigidTransform& truth) { return Scaled(truth, factor); };
+    EXPECT_NEAR(FactorIn(Said(moving_, change)) * factor, 1, 0.15) << factor;
+    EXPECT_NEAR(FactorIn(Said(moving_, change, false)) * factor, 1, 0.15) << factor << ", by its motion";
+    EXPECT_NEAR(FactorIn(Said(standing_, change)) * factor, 1, 0.15) << factor << ", by landmarks";
+    EXPECT_EQ(Said(standing_, change, false), "") << "nothing tells";
+  }
+  const auto millimetres = [](const RigidTransform& truth) { return Scaled(truth, 1000); };
+  EXPECT_THAT(Said(moving_, millimetres), AllOf(HasSubstr("millimetres"), Not(HasSubstr("monocular"))));
+}
+
+TEST_F(RigCheckTest, ImagesOfAnotherTimeAreTold) {
+  std::vector<SyntheticView> views = Views(false);
+  // Each with the other camera's image of the far end of the path.
+  for (size_t i = 0; i < views.size() / 2; ++i)
+    std::swap(views[i].right->gray, views[views.size() - 1 - i].right->gray);
+  EXPECT_THAT(Said(views, [](const RigidTransform& truth) { return truth; }), HasSubstr("instant"));
+}
+
+}  // namespace
+}  // namespace acmp
