@@ -96,7 +96,6 @@ void ColmapModelBuilder::CheckFeatures(const ColmapImage& image, const std::vect
   constexpr size_t kFewest = 10, kSample = 500;
   constexpr double kFar_px = 4,
                    kFarShare = 0.003;  // COLMAP keeps those within 4 px; of the longer side, where it is large
-  constexpr double kBehind_px = 1e4;
   const ColmapCamera& camera = model_.cameras.at(image.camera_id);
   const Lens lens(camera.camera, camera.distortion);
   std::vector<double> errors;
@@ -107,7 +106,7 @@ void ColmapModelBuilder::CheckFeatures(const ColmapImage& image, const std::vect
     const Eigen::Vector3d& point =
         model_.landmarks_in_world[static_cast<size_t>(point_index_.at(features[i].point_id))];
     const auto projected = lens.Project(image.cam_from_world * point);
-    errors.push_back(projected ? (*projected - pixel + Eigen::Vector2d(0.5, 0.5)).norm() : kBehind_px);
+    errors.push_back(projected ? (*projected - pixel + Eigen::Vector2d(0.5, 0.5)).norm() : HUGE_VAL);
   }
   if (errors.size() < kFewest) return;
   ++checked_images_;
@@ -121,10 +120,14 @@ void ColmapModelBuilder::WarnOfMisfits() {
   std::sort(misfits_.begin(), misfits_.end(),
             [](const Misfit& a, const Misfit& b) { return a.median_px < b.median_px; });
   const Misfit& middle = misfits_[misfits_.size() / 2];
-  AddWarning(Concat("features and landmarks disagree in ", misfits_.size(), " of ", checked_images_, " images: in ",
-                    middle.image, " the landmarks project ", std::lround(middle.median_px),
-                    " px (median) from their features. Coordinates were written with too few digits, points and poses "
-                    "are of different states, or cameras are those of other images"));
+  const std::string where = std::isfinite(middle.median_px)
+                                ? Concat("project ", std::lround(middle.median_px), " px (median) from their features")
+                                : "lie behind the camera";
+  AddWarning(
+      Concat("features and landmarks disagree in ", misfits_.size(), " of ", checked_images_, " images: in ",
+             middle.image, " the landmarks ", where,
+             ". Coordinates were written with too few digits, poses are inverted, points and poses are of different "
+             "states, or cameras are those of other images"));
 }
 
 void ColmapModelBuilder::SeeAllPoints() {

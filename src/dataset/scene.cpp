@@ -56,8 +56,17 @@ Scene ReadSceneFiles(const std::filesystem::path& root, SceneFormat format, Pixe
   if (format == SceneFormat::kMvsnet && !mvsnet) {
     throw InvalidInputError(Concat(root.string(), ": no MVSNet scene: cams/ or pair.txt is missing"));
   }
-  if (mvsnet && format != SceneFormat::kColmap) return ReadMvsnetScene(root, image_folder, centers);
   const auto model_folder = FindColmapModel(root);
+  if (mvsnet && format != SceneFormat::kColmap) {
+    Scene scene = ReadMvsnetScene(root, image_folder, centers);
+    if (format == SceneFormat::kAuto && model_folder) {
+      scene.note = Concat(root.string(),
+                          " has two layouts: cameras are those of MVSNet (cams/, pair.txt), not of the COLMAP "
+                          "model in ",
+                          model_folder->string(), " (--format colmap)");
+    }
+    return scene;
+  }
   if (!model_folder) {
     throw InvalidInputError(Concat(
         root.string(), ": no COLMAP model (cameras and images as .bin or .txt in the folder, in ",

@@ -90,11 +90,12 @@ void Check(const GroundTruthOptions& options) {
 }
 
 // The folder of ground truth or masks: `name` within the scene if there is one, else `name` itself.
-fs::path FindFolder(const fs::path& scene, const std::string& name) {
+// `option` names another one.
+fs::path FindFolder(const fs::path& scene, const std::string& name, const char* option) {
   for (const fs::path& folder : {scene / name, fs::path(name)}) {
     if (fs::is_directory(folder)) return folder;
   }
-  throw InvalidInputError(Concat("no folder ", (scene / name).string(), " nor ", name));
+  throw InvalidInputError(Concat("no folder ", (scene / name).string(), " nor ", name, ": name it with ", option));
 }
 
 // FOLDER/000007.EXT with the first of `extensions` that exists; empty when none does.
@@ -222,7 +223,7 @@ void AppendTile(const fs::path& index, const nlohmann::json& tile, PointCloud* p
 
 // Adds the true maps of a scene, of which one at a time is in memory. Returns how many there are.
 size_t AddTrueMaps(const CloudEvaluationOptions& options, const Eigen::Vector3d& origin, ObservedSurface* surface) {
-  const fs::path folder = FindFolder(options.ground_truth, options.truth.folder);
+  const fs::path folder = FindFolder(options.ground_truth, options.truth.folder, "--gt");
   size_t maps = 0;
   for (ListedCamera& image : ReadCameraList(options.ground_truth / "cameras.txt")) {
     const DepthMap truth = ReadGroundTruth(folder, image.image.index, options.truth);
@@ -298,7 +299,7 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
   Check(options);
   std::vector<ListedImage> images;
   for (const ListedCamera& camera : ReadCameraList(options.scene / "cameras.txt")) images.push_back(camera.image);
-  const fs::path truth_folder = FindFolder(options.scene, options.truth.folder);
+  const fs::path truth_folder = FindFolder(options.scene, options.truth.folder, "--gt");
   PredictionIndex predictions = FindPredictions(options.predictions, images, options.name);
 
   DepthEvaluation evaluation;
@@ -307,7 +308,7 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
   RegionMean low_texture("lowtex");
   std::vector<std::pair<fs::path, RegionMean>> masks;
   for (const std::string& mask : options.masks) {
-    masks.emplace_back(FindFolder(options.scene, mask), RegionMean(fs::path(mask).filename().string()));
+    masks.emplace_back(FindFolder(options.scene, mask, "--mask"), RegionMean(fs::path(mask).filename().string()));
   }
   size_t without_picture = 0;
   for (const ListedImage& image : images) {

@@ -135,6 +135,10 @@ def _mask(value, name):
     return None if value is None else _bytes(value, name, ["bool", "uint8"], [(None, None)], "(height, width)")
 
 
+def _prior_depth(value, name):
+    return None if value is None else _map(value, name)
+
+
 def _depth_range(value, name):
     return None if value is None else tuple(_numbers(value, name, [(2,)], "(near, far)"))
 
@@ -177,6 +181,7 @@ def reconstruct(
     depth_range: Union[Tuple[float, float], Sequence[Optional[Tuple[float, float]]], None] = None,
     points: Union[ArrayLike, Sequence[ArrayLike], None] = None,
     masks: Optional[Sequence[Optional[np.ndarray]]] = None,
+    prior_depth: Optional[Sequence[Optional[ArrayLike]]] = None,
     ranked_sources: Optional[Sequence[Sequence[int]]] = None,
     names: Optional[Sequence[str]] = None,
     color_order: str = "rgb",
@@ -203,6 +208,8 @@ def reconstruct(
           observes. What is not finite or not in view is left out.
       masks: for each image None or an array (height, width) of bool or uint8: pixels with 0 are not matched and get no
           depth.
+      prior_depth: for each image None or an array (h, w) of real numbers, z of the whole image at any size, of a network or
+          another sensor, for what no view confirms; unknown where it is not finite and > 0. Its scale is fitted.
       ranked_sources: for each image the indices of those to match it against, best first; of these the first
           `source_views` are used. An empty list: chosen from the poses, as for all images without this argument.
       names: of the images, for messages. By default "0", "1", ...
@@ -216,7 +223,8 @@ def reconstruct(
       device: "auto" (the first GPU if there is one), "cuda" or "cpu".
 
     Returns:
-      Reconstruction. What was left aside, and that hardly any pixel became a point, is a UserWarning.
+      Reconstruction. What was left aside, that hardly any pixel became a point, and that the poses do not fit the images
+      (with what fits, such as inverted ones) is a UserWarning.
 
     Raises:
       ValueError: names the value that is wrong and its bound.
@@ -236,14 +244,15 @@ def reconstruct(
     sparse = [_points(points, "points")] if in_all else _of_each(points, "points", count, _points)
     results, cloud, used_device = _offline.reconstruct(
         colors, cameras, poses, pose_name, _depth_ranges(depth_range, count), in_all, sparse,
-        _of_each(masks, "masks", count, _mask),
+        _of_each(masks, "masks", count, _mask), _of_each(prior_depth, "prior_depth", count, _prior_depth),
         [[]] * count if ranked_sources is None else _elements(ranked_sources, "ranked_sources", count),
         [str(i) for i in range(count)] if names is None else _elements(names, "names", count), preset,
         [_assignment(*option) for option in options.items()], source_views, max_image_size, seed, device)
     return Reconstruction([ImageResult(*result) for result in results], Cloud(*cloud), used_device)
 
 
-def read_scene(folder: str, *, format: str = "auto", pixel_centers: str = "integer", masks: str = "") -> dict[str, Any]:
+def read_scene(folder: str, *, format: str = "auto", pixel_centers: str = "integer", masks: str = "",
+               prior_depth: str = "", image_path: str = "") -> dict[str, Any]:
     """Reads a folder with a COLMAP model or the layout of MVSNet and ACMP, as acmp_reconstruct does.
 
     reconstruct(**read_scene(folder)) does the whole folder. Images with lens distortion are undistorted, and those of more
@@ -254,14 +263,16 @@ def read_scene(folder: str, *, format: str = "auto", pixel_centers: str = "integ
       format: "auto", "colmap" or "mvsnet".
       pixel_centers: of mvsnet, where K has the centre of the first pixel: "integer" (0, 0) or "half" (0.5, 0.5).
       masks: folder of masks, IMAGE_NAME.png each: what is black is ignored. Empty: none.
+      prior_depth: folder of depth maps from outside, as for acmp_reconstruct --prior-depth. Empty: none.
+      image_path: folder of the images. Empty: images in `folder`.
 
     Returns:
       dict of the arguments of reconstruct() by name: images (RGB), K, cam_from_world, points, depth_range, masks,
-      ranked_sources, names. What is left aside is a UserWarning.
+      prior_depth, ranked_sources, names. What is left aside is a UserWarning.
 
     Raises:
       ValueError: names file, line and value of what is missing, damaged or out of bounds."""
-    scene = _offline.read_scene(str(folder), format, pixel_centers, str(masks))
+    scene = _offline.read_scene(str(folder), format, pixel_centers, str(masks), str(prior_depth), str(image_path))
     return {**scene, "K": np.stack(scene["K"]), "cam_from_world": np.stack(scene["cam_from_world"])}
 
 

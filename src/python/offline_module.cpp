@@ -6,7 +6,10 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <cctype>
 #include <chrono>
+#include <cmath>
+#include <cstring>
 #include <future>
 #include <optional>
 #include <sstream>
@@ -47,6 +50,18 @@ Image<T> ToMap(const Array& array) {
 }
 
 Mask ToMask(const std::optional<Bytes>& array) { return array ? ToMap<unsigned char>(*array) : Mask(); }
+
+/// z; 0 where it is not positive and finite.
+DepthMap ToPriorDepth(const Doubles& array, const std::string& name) {
+  DepthMap depth = ToMap<float>(array);
+  bool has_depth = false;
+  for (float& z : depth) {
+    if (!(z > 0 && std::isfinite(z))) z = 0;
+    has_depth = has_depth || z > 0;
+  }
+  if (!has_depth) throw InvalidInputError(name + ": no pixel has a positive, finite depth");
+  return depth;
+}
 
 /// An (M, 3) array.
 std::vector<Eigen::Vector3d> ToPoints(const Doubles& array) {
@@ -165,9 +180,32 @@ py::tuple ToPython(const std::string& name, const RigidTransform& cam_from_world
                         image.sources, image.no_map);
 }
 
+/// The tool's words for arguments as Python's: "--max-image-size" is "max_image_size=".
+std::string InPythonsWords(std::string message) {
+  const std::pair<const char*, const char*> others[] = {{"--depth-min and --depth-max", "depth_range=, or points="},
+                                                        {"--set completion=true", "options={'completion': True}"},
+                                                        {"--set", "options="}};
+  for (const auto& [words, by] : others) {
+    for (size_t at; (at = message.find(words)) != std::string::npos;) message.replace(at, std::strlen(words), by);
+  }
+  const auto is_letter = [&](size_t at) {
+    return at < message.size() && std::islower(static_cast<unsigned char>(message[at])) != 0;
+  };
+  for (size_t at = 0; (at = message.find("--", at)) != std::string::npos; ++at) {
+    if (!is_letter(at + 2) || (at > 0 && std::isalnum(static_cast<unsigned char>(message[at - 1])) != 0)) continue;
+    message.erase(at, 2);
+    size_t end = at;
+    for (; is_letter(end) || (end < message.size() && message[end] == '-'); ++end) {
+      if (message[end] == '-') message[end] = '_';
+    }
+    message.insert(end, "=");
+  }
+  return message;
+}
+
 void WarnOf(const std::vector<std::string>& warnings) {
   for (const std::string& warning : warnings) {
-    if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
+    if (PyErr_WarnEx(PyExc_UserWarning, InPythonsWords(warning).c_str(), 1) != 0) throw py::error_already_set();
   }
 }
 
@@ -179,6 +217,7 @@ py::tuple ReconstructArrays(const std::vector<Bytes>& colors, const Doubles& k, 
                             const std::vector<std::optional<std::pair<double, double>>>& ranges, bool points_in_all,
                             const std::vector<std::optional<Doubles>>& points,
                             const std::vector<std::optional<Bytes>>& masks,
+                            const std::vector<std::optional<Doubles>>& prior_depths,
                             const std::vector<std::vector<int>>& ranked_sources, const std::vector<std::string>& names,
                             const std::string& preset, const std::vector<std::string>& set, int source_views,
                             int max_image_size, uint32_t seed, const std::string& device) {
@@ -200,6 +239,7 @@ py::tuple ReconstructArrays(const std::vector<Bytes>& colors, const Doubles& k, 
       CheckDepthRange(Concat("depth_range[", i, "]").c_str(), *image.depth_range);
     }
     image.mask = ToMask(masks[i]);
+    if (prior_depths[i]) image.prior_depth = ToPriorDepth(*prior_depths[i], Concat("prior_depth[", i, "]"));
     image.ranked_sources = ranked_sources[i];
     if (points_in_all) {
       const py::gil_scoped_release release;
@@ -232,20 +272,24 @@ py::tuple ReconstructArrays(const std::vector<Bytes>& colors, const Doubles& k, 
 }
 
 py::dict ReadScene(const std::string& folder, const std::string& format, const std::string& pixel_centers,
-                   const std::string& masks) {
+                   const std::string& masks, const std::string& prior_depth, const std::string& image_path) {
   ReconstructOptions options;
   options.scene = folder;
   options.format = format;
   options.pixel_centers = pixel_centers;
   options.masks = masks;
+  options.prior_depth = prior_depth;
+  options.image_path = image_path;
   std::vector<InputImage> images;
   std::vector<std::string> warnings;
   RunInterruptibly([&](StopRequest* stop) { images = ReadInputImages(options, *stop, &warnings); });
   WarnOf(warnings);
-  py::list colors, all_masks, points, ranges, ranked, names, cameras, poses;
+  py::list colors, all_masks, prior_depths, points, ranges, ranked, names, cameras, poses;
   for (InputImage& image : images) {
     colors.append(ToNumpy<uint8_t>(std::move(image.color)));
     all_masks.append(image.mask.empty() ? py::object(py::none()) : ToNumpy<uint8_t>(std::move(image.mask)));
+    prior_depths.append(image.prior_depth.empty() ? py::object(py::none())
+                                                  : ToNumpy<float>(std::move(image.prior_depth)));
     py::array_t<double> landmarks({image.landmarks_in_world.size(), size_t{3}});
     for (size_t i = 0; i < image.landmarks_in_world.size(); ++i) {
       std::copy_n(image.landmarks_in_world[i].data(), 3, landmarks.mutable_data() + 3 * i);
@@ -259,7 +303,8 @@ py::dict ReadScene(const std::string& folder, const std::string& format, const s
     poses.append(ToNumpy(image.cam_from_world.matrix()));
   }
   return py::dict("images"_a = colors, "K"_a = cameras, "cam_from_world"_a = poses, "points"_a = points,
-                  "depth_range"_a = ranges, "masks"_a = all_masks, "ranked_sources"_a = ranked, "names"_a = names);
+                  "depth_range"_a = ranges, "masks"_a = all_masks, "prior_depth"_a = prior_depths,
+                  "ranked_sources"_a = ranked, "names"_a = names);
 }
 
 /// RGB of a picture's content: (height, width, 3). @param size that its header must say: width, height
@@ -310,14 +355,6 @@ py::list EvaluatePoints(const Doubles& points, const Doubles& truth, const std::
                          "completeness"_a = metrics.completeness, "f1"_a = metrics.f1));
   }
   return list;
-}
-
-/// The tool's words for arguments as Python's.
-std::string InPythonsWords(std::string message) {
-  const std::string option = "--depth-min and --depth-max";
-  const size_t at = message.find(option);
-  if (at != std::string::npos) message.replace(at, option.size(), "depth_range=, or points=");
-  return message;
 }
 
 }  // namespace

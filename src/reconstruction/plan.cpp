@@ -95,9 +95,11 @@ std::optional<DepthRange> LandmarkRange(const Scene& scene, const SceneImage& im
 }
 
 std::string NoRange(const SceneImage& image) {
+  const bool has_enough = image.landmark_indices.size() >= kMinDepthLandmarks;
   return Concat("no depth range: the dataset names none, and of its ", image.landmark_indices.size(),
-                " landmarks fewer than ", kMinDepthLandmarks,
-                " are in view; give a depth range (--depth-min and --depth-max)");
+                " landmarks fewer than ", kMinDepthLandmarks, " are in view",
+                has_enough ? ": poses and points do not fit each other. If the poses are right," : ";",
+                " give a depth range (--depth-min and --depth-max)");
 }
 
 }  // namespace

@@ -89,6 +89,7 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   StopRequest& interrupt = context.interrupt;
   std::ostream* const out = &context.out;
   for (const std::string& warning : scene.warnings) progress.Warn(warning);
+  if (!scene.note.empty()) progress.Note(scene.note);
   const auto faces = std::count_if(scene.images.begin(), scene.images.end(),
                                    [](const SceneImage& image) { return image.face.has_value(); });
   if (faces > 0) progress.Note(Concat(faces, " of ", scene.images.size(), " images are faces of wide ones"));
@@ -105,6 +106,7 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   interrupt.Check();
   CheckSizes(scene, indices, options);
   FrameStore frames(scene, options.max_image_size, options.MemoryBytes(options.kImageShare));
+  if (const std::string doubt = DescribePoseDoubt(scene, indices, &frames); !doubt.empty()) progress.Warn(doubt);
   if (plans) return PlanStages(scene, plan, options, interrupt, &frames, &progress, out);
   progress.Note(Concat("checking ", indices.size(), " images"));
   const std::vector<FileStamps> stamps = StampsOf(scene, indices);

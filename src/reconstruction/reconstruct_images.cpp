@@ -2,6 +2,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <memory>
 #include <numeric>
 #include <set>
@@ -37,7 +38,7 @@ std::vector<FramePtr> MakeFrames(std::vector<InputImage>* images, int max_size, 
     try {
       frames[i] = std::make_shared<const Frame>(MakeFrame(static_cast<int64_t>(i), 0.0, std::move(image.color),
                                                           image.camera, image.cam_from_world, image.landmarks_in_world,
-                                                          max_size, image.mask));
+                                                          max_size, image.mask, image.prior_depth));
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(name, ": ", error.what()));
     }
@@ -107,7 +108,7 @@ ImageReconstruction DoTasks(ReconstructRun* run) {
   result.origin = run->plan.origin;
   result.warnings = run->plan.warnings;
   const PointsJudgement judgement = JudgePoints(*run, result.cloud.size());
-  for (const std::string& warning : {judgement.warning, judgement.failure}) {
+  for (const std::string& warning : {judgement.warning, judgement.failure, DescribeUnusedPriorDepth(*run)}) {
     if (!warning.empty()) result.warnings.push_back(warning);
   }
   result.device = run->devices.name();
@@ -119,6 +120,9 @@ ImageReconstruction DoTasks(ReconstructRun* run) {
 ImageReconstruction ReconstructImages(std::vector<InputImage> images, const ReconstructOptions& options,
                                       const DeviceMaker& make_devices, StopRequest* interrupt) {
   Validate(options);
+  if (std::any_of(images.begin(), images.end(), [](const InputImage& image) { return !image.prior_depth.empty(); })) {
+    CheckPriorDepthIsUsed(options);
+  }
   if (images.empty()) throw InvalidInputError("number of images = 0: must be at least 1");
   FrameStore frames(MakeFrames(&images, options.max_image_size, *interrupt));
   Scene scene = MakeScene(images);
@@ -128,6 +132,8 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
   interrupt->Check();
   CheckSizes(scene, indices, options);
   scene.landmarks_in_world.clear();
+  const std::string doubt = DescribePoseDoubt(scene, indices, &frames);
+  if (!doubt.empty()) plan.warnings.push_back(doubt);
   const Devices devices(make_devices());
   std::ostream nowhere(nullptr);
   Progress progress(&nowhere, ProgressStyle::kSilent);
@@ -143,9 +149,15 @@ std::vector<InputImage> ReadInputImages(const ReconstructOptions& options, const
   tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) {
     Frame frame = LoadFrame(scene, static_cast<int>(i));
     const SceneImage& image = scene.images[i];
-    images[i] = {image.name,           std::move(frame.color), frame.camera,
-                 frame.cam_from_world, std::move(frame.mask),  std::move(frame.landmarks_in_world),
-                 DatasetRange(image),  image.ranked_sources};
+    images[i] = {image.name,
+                 std::move(frame.color),
+                 frame.camera,
+                 frame.cam_from_world,
+                 std::move(frame.mask),
+                 std::move(frame.prior_depth),
+                 std::move(frame.landmarks_in_world),
+                 DatasetRange(image),
+                 image.ranked_sources};
   });
   interrupt.Check();
   return images;

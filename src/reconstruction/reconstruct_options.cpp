@@ -199,8 +199,10 @@ void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
       ->default_str("depth,normal,cost,confidence");
   app->add_option("--tile-size", options->tile_size,
                   "Write the cloud as cubes of this size, scene units, one file each, in place of fused.ply");
-  app->add_option("--mesh", options->mesh,
-                  "Also write a mesh of all depth maps to this file, .ply or .obj; of a finished run, too");
+  app->add_option(
+      "--mesh", options->mesh,
+      "Also write a mesh of all depth maps to this file, .ply or .obj; a name alone: in OUTPUT. Of a finished\n"
+      "run, too");
   app->option_defaults()->group(kStageGroup);
   app->add_option("--plan", options->plan,
                   "Only plan: OUTPUT gets the plan, this file (JSON) the stages of each chunk and what they wait for");
@@ -296,13 +298,15 @@ void Validate(const ReconstructOptions& options) {
   if (options.online() && options.depth_min.has_value() != options.depth_max.has_value()) {
     throw InvalidInputError("--schedule online takes --depth-min and --depth-max together or not at all");
   }
-  const PipelineOptions pipeline = MakePipelineOptions(options);
-  Validate(pipeline);
-  if (!options.prior_depth.empty() && !pipeline.fill.enabled) {
-    throw InvalidInputError("--prior-depth: needs completion, which the preset does not have (--set completion=true)");
-  }
+  Validate(MakePipelineOptions(options));
+  if (!options.prior_depth.empty()) CheckPriorDepthIsUsed(options);
   Validate(options.pose_refinement);
   if (options.online()) Validate(MakeMapperOptions(options, {}));
+}
+
+void CheckPriorDepthIsUsed(const ReconstructOptions& options) {
+  if (MakePipelineOptions(options).fill.enabled) return;
+  throw InvalidInputError("--prior-depth: needs completion, which the preset does not have (--set completion=true)");
 }
 
 PipelineOptions MakePipelineOptions(const ReconstructOptions& options) {

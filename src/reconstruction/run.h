@@ -125,10 +125,17 @@ struct PointsJudgement {
 };
 PointsJudgement JudgePoints(const ReconstructRun& run, size_t points);
 
+/// What neighbouring images say against the poses as given, and what fits: empty where they fit, or the images tell too
+/// little. Takes some tenths of a second.
+/// @param indices of scene images in their order; of a wide one the first face counts
+std::string DescribePoseDoubt(const Scene& scene, const std::vector<int>& indices, FrameStore* frames);
+
 /// A warning for each image that gets no map, with the reason.
 void ReportImagesWithoutMap(const ReconstructPlan& plan, const Scene& scene, Progress* progress);
 
-/// A warning that says of how many images the prior depth is not used, and why of one.
+/// Of how many images the prior depth is not used, and why of one; empty: of none.
+std::string DescribeUnusedPriorDepth(const ReconstructRun& run);
+/// The same as a warning.
 void ReportUnusedPriorDepth(const ReconstructRun& run);
 
 /// The list of files and the summary, which make the run complete. Throws ProcessingError where it counts as failed

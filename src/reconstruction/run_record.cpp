@@ -157,12 +157,17 @@ PointsJudgement JudgePoints(const ReconstructRun& run, size_t points) {
   return {Concat("only ", points, " of ", pixels, " pixels became points", kCauses), ""};
 }
 
-void ReportUnusedPriorDepth(const ReconstructRun& run) {
+std::string DescribeUnusedPriorDepth(const ReconstructRun& run) {
   const std::map<int, std::string>& rejections = run.prior_depth_rejections;
-  if (rejections.empty()) return;
+  if (rejections.empty()) return "";
   const auto& [index, reason] = *rejections.begin();
-  run.progress.Warn(Concat("the prior depth of ", rejections.size(), " images is not used, for example of ",
-                           run.scene.images[static_cast<size_t>(index)].name, ": ", reason));
+  return Concat("the prior depth of ", rejections.size(), " images is not used, for example of ",
+                run.scene.images[static_cast<size_t>(index)].name, ": ", reason);
+}
+
+void ReportUnusedPriorDepth(const ReconstructRun& run) {
+  const std::string text = DescribeUnusedPriorDepth(run);
+  if (!text.empty()) run.progress.Warn(text);
 }
 
 void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,

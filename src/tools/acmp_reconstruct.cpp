@@ -114,7 +114,10 @@ int Run(int argc, char** argv) {
       "PatchMatch multi-view stereo (ACMP), and fuses them into one point cloud.",
       "acmp_reconstruct");
   acmp::AddReconstructOptions(&app, &options);
-  return acmp::RunTool(app, argc, argv, [&] { return RunReconstruct(options, &interrupt); });
+  return acmp::RunTool(app, argc, argv, [&] {
+    if (!options.mesh.empty() && !options.mesh.has_parent_path()) options.mesh = options.output / options.mesh;
+    return RunReconstruct(options, &interrupt);
+  });
 }
 
 }  // namespace

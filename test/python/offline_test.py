@@ -13,6 +13,7 @@ import tempfile
 import threading
 import time
 import unittest
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,43 @@ class OfflineTest(unittest.TestCase):
         self.assert_is_of_tool(offline.reconstruct(**{**colmap, **QUICK, **changes}), "--format", "colmap",
                                "--max-image-size", "60", "--source-views", "2", "--seed", "7", "--set",
                                "geometric_passes=1")
+
+    def test_prior_depth_is_that_of_the_tool(self):
+        folder = self.folder / "prior"
+        folder.mkdir()
+        prior = [image.depth * 1.3 for image in self.result.images]  # up to a scale
+        for name, depth in zip(self.input["names"], prior):
+            (folder / name).with_suffix(".pfm").write_bytes(
+                b"Pf\n%d %d\n-1\n" % (WIDTH, HEIGHT) + depth[::-1].astype("<f4").tobytes())
+        result = offline.reconstruct(**self.arguments(prior_depth=prior))
+        self.assert_is_of_tool(result, "--prior-depth", str(folder))
+        read = offline.read_scene(self.scene, prior_depth=str(folder))["prior_depth"]
+        np.testing.assert_allclose(read[0], prior[0], rtol=1e-6)
+        with self.assertRaisesRegex(ValueError, r"prior_depth\[1\]: no pixel"):
+            offline.reconstruct(**self.arguments(prior_depth=[None, np.zeros((4, 4)), None, None]))
+        with self.assertRaisesRegex(ValueError, "prior_depth=: needs completion"):
+            self.photometric_of(prior_depth=prior)
+
+    def test_poses_that_do_not_fit_the_images_are_told_with_what_fits(self):
+        scene = str(self.folder / "larger")
+        subprocess.run([MAKE_SCENE, scene, "--width", "320", "--height", "240", "--keyframes", "8", "--spacing", "0.5"],
+                       check=True, stdout=subprocess.DEVNULL)
+        given = {**offline.read_scene(scene), **PHOTOMETRIC, "max_image_size": 64, "ranked_sources": None,
+                 "depth_range": (0.5, 9.0)}
+        poses = np.array(given.pop("cam_from_world"))
+        opengl = np.linalg.inv(poses) @ np.diag([1.0, -1, -1, 1])
+
+        def told(**changes):
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                try:
+                    offline.reconstruct(**{**given, "max_image_size": 0, **changes})
+                except ValueError as error:
+                    return str(error)
+            return " ".join(str(warning.message) for warning in caught)
+        self.assertNotIn("do not fit", told(cam_from_world=poses))
+        self.assertIn("inverted", told(world_from_cam=poses))
+        self.assertIn("OpenGL", told(world_from_cam=opengl))
 
     def test_what_comes_out(self):
         image = self.result.images[0]

@@ -51,6 +51,7 @@ struct Scene {
   std::vector<SceneImage> images;
   std::vector<Eigen::Vector3d> landmarks_in_world;
   std::vector<std::string> warnings;  ///< what was left aside and why, for the user
+  std::string note;                   ///< which of two layouts was read; empty: there is one
 };
 
 enum class SceneFormat { kAuto, kColmap, kMvsnet };

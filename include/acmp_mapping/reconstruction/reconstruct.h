@@ -62,7 +62,8 @@ struct InputImage {
   ColorImage color;
   PinholeCamera camera;  ///< of the image's size
   RigidTransform cam_from_world = RigidTransform::Identity();
-  Mask mask;                                        ///< of the image's size; empty: all pixels count
+  Mask mask;             ///< of the image's size; empty: all pixels count
+  DepthMap prior_depth;  ///< from outside, of the whole image at any size; 0: unknown; or empty
   std::vector<Eigen::Vector3d> landmarks_in_world;  ///< sparse points that it observes; for its depth range
   std::optional<DepthRange> depth_range;            ///< to search; none: that of the options or of the landmarks
   std::vector<int> ranked_sources;                  ///< images to match against, best first; none: found by the poses
@@ -100,7 +101,7 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
 /// Reads all images of a scene as the tool does (ReadScene), undistorted, with their masks and, where the dataset names
 /// ranges, those that the tool searches. Throws InvalidInputError as ReadScene, AddMasks and LoadFrame do, or
 /// Interrupted.
-/// @param options scene, format, pixel_centers and masks count
+/// @param options scene, image_path, format, pixel_centers, masks and prior_depth count
 /// @param warnings gets what was left aside; not null
 std::vector<InputImage> ReadInputImages(const ReconstructOptions& options, const StopRequest& interrupt,
                                         std::vector<std::string>* warnings);

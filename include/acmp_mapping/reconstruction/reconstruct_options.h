@@ -79,6 +79,9 @@ void AddReconstructOptions(CLI::App* app, ReconstructOptions* options);
 /// Throws InvalidInputError naming the first option out of bounds.
 void Validate(const ReconstructOptions& options);
 
+/// Throws InvalidInputError for a preset that cannot use prior depth.
+void CheckPriorDepthIsUsed(const ReconstructOptions& options);
+
 PipelineOptions MakePipelineOptions(const ReconstructOptions& options);
 
 /// For the online schedule. `dataset_range` stands in where an image has no landmarks; 0, 0 when the dataset names

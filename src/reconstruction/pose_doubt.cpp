@@ -1,0 +1,66 @@
+#include <algorithm>
+#include <cmath>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/intake/reading_check.h"
+#include "run.h"
+
+namespace acmp {
+namespace {
+
+constexpr size_t kNeighbours = 12;  // images in a row
+
+/// x right, y up, z backward.
+RigidTransform OpenGlFromCamera() {
+  RigidTransform transform = RigidTransform::Identity();
+  transform.linear().diagonal() << 1, -1, -1;
+  return transform;
+}
+
+/// What poses of this reading have in place of those that are wanted.
+std::string DescribeReading(const PoseReading& reading) {
+  std::string text;
+  if (reading.semantics.direction == PoseSemantics::Direction::kCamFromWorld) text = "inverted";
+  if (reading.semantics.child == PoseSemantics::Child::kCameraOptical) return text;
+  if (!text.empty()) text += ", and ";
+  text += "of a camera with other axes than x right, y down, z forward: ";
+  if (reading.semantics.child == PoseSemantics::Child::kCameraFlu) return text + "x forward, y left, z up";
+  const Eigen::Matrix3d axes = ChildFromCamera(reading.semantics).linear();
+  constexpr double kSame = 0.1;
+  if ((axes - OpenGlFromCamera().linear()).cwiseAbs().maxCoeff() < kSame) {
+    return text + "x right, y up, z backward, as OpenGL, Blender and NeRF have them";
+  }
+  const Eigen::Matrix3d rounded = (100 * axes).array().round() / 100 + 0.0;  // never "-0"
+  return Concat(text, "turned by about [", rounded.row(0), "; ", rounded.row(1), "; ", rounded.row(2), "]");
+}
+
+}  // namespace
+
+std::string DescribePoseDoubt(const Scene& scene, const std::vector<int>& indices, FrameStore* frames) {
+  std::vector<int> ahead;
+  for (int index : indices) {
+    if (ImagesOfFile(scene, index).first == index) ahead.push_back(index);
+  }
+  const size_t count = std::min(kNeighbours, ahead.size()), first = (ahead.size() - count) / 2;
+  ReadingCheck check(kNeighbours);
+  for (size_t i = first; i < first + count; ++i) check.Add(*frames->Get(ahead[i]));
+  const ReadingVerdict verdict =
+      check.Judge({PoseSemantics::Direction::kWorldFromCam, PoseSemantics::Child::kCameraOptical, OpenGlFromCamera()});
+  if (!verdict.share || *verdict.share >= ReadingVerdict::kFittingShare) return "";
+  const auto percent = [](double share) { return std::lround(100 * share); };
+  const std::string share =
+      Concat("the poses do not fit the images: ", percent(*verdict.share),
+             " % of the matches between neighbouring images lie where they should (of good poses 70 to 95 %); ");
+  if (verdict.fitting.empty()) {
+    return share + "no other reading that was tried fits: poses or calibration are wrong, or are those of other images";
+  }
+  std::string fitting;
+  for (const PoseReading& reading : verdict.fitting) {
+    const std::string text = DescribeReading(reading);
+    if (fitting.find(text) != std::string::npos) continue;  // an axis swapped there and back is the same
+    fitting += Concat(fitting.empty() ? "" : "; or ", text, " (", percent(reading.share), " %)");
+  }
+  return Concat(share, "what fits is that they are ", fitting, ". Wanted: p_cam = R p_world + t");
+}
+
+}  // namespace acmp
