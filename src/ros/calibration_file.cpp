@@ -3,14 +3,14 @@
 #include <algorithm>
 #include <exception>
 #include <filesystem>
+#include <fstream>
 #include <vector>
 
-#include <camera_calibration_parsers/parse.h>
 #include <camera_calibration_parsers/parse_ini.h>
+#include <camera_calibration_parsers/parse_yml.h>
 #include <yaml-cpp/yaml.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/image_codec.h"
 
 namespace acmp {
 namespace {
@@ -82,23 +82,30 @@ sensor_msgs::CameraInfo ReadMessage(const YAML::Node& file) {
   return info;
 }
 
+/// An INI of camera_calibration, whatever its name: ost.txt, camera.ini.
+bool IsIni(const std::string& path) {
+  constexpr int kLines = 20;  // comments and blank lines before
+  std::ifstream stream(path);
+  std::string line;
+  for (int i = 0; i < kLines && std::getline(stream, line); ++i) {
+    if (line.compare(0, 7, "[image]") == 0) return true;
+  }
+  return false;
+}
+
 sensor_msgs::CameraInfo ReadFile(const std::string& path) {
-  const std::string extension = LowerExtension(path);
   std::string camera_name;
   sensor_msgs::CameraInfo info;
-  if (extension != ".yaml" && extension != ".yml") {
+  if (IsIni(path)) {
     if (camera_calibration_parsers::readCalibrationIni(path, camera_name, info)) return info;
-    throw InvalidInputError(
-        Concat("is no INI of camera_calibration; YAML must have a name that ends in .yaml or .yml", kOtherFormats));
+    throw InvalidInputError("is no whole INI of camera_calibration");
   }
   const YAML::Node file = YAML::LoadFile(path);  // the first document
-  if (!file.IsMap()) throw InvalidInputError("must be a map of names and values");
+  if (!file.IsMap()) throw InvalidInputError(Concat("must be a map of names and values", kOtherFormats));
   if (file["K"] && file["D"] && !file["camera_matrix"]) return ReadMessage(file);
   CheckYaml(file);
-  if (!camera_calibration_parsers::readCalibration(path, camera_name, info)) {
-    throw InvalidInputError(Concat("is no YAML of camera_calibration", kOtherFormats));
-  }
-  return info;
+  if (camera_calibration_parsers::readCalibrationYml(path, camera_name, info)) return info;
+  throw InvalidInputError(Concat("is no YAML of camera_calibration", kOtherFormats));
 }
 
 }  // namespace

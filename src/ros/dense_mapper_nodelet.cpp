@@ -69,6 +69,10 @@ void SetExpected(const std::vector<InputStatus>& inputs, KeyframeIntake* intake)
   intake->set_clouds_expected(clouds);
 }
 
+bool IsInput(const std::string& topic, const std::vector<InputStatus>& inputs) {
+  return std::any_of(inputs.begin(), inputs.end(), [&](const InputStatus& input) { return input.topic == topic; });
+}
+
 void Expect(const std::string& failure) {
   if (!failure.empty()) throw ProcessingError(failure);
 }
@@ -113,6 +117,7 @@ class DenseMapperNodelet : public NodeletBase {
       const std::string missing = DescribeMissing(TakeSnapshotWithAdvice());
       if (!missing.empty()) NODELET_WARN("missing_input: %s", Printable(missing).c_str());
       if (flushing_) NODELET_INFO("flush: %s", Printable(AccountForImages(TakeSnapshot())).c_str());
+      worker_->JudgeRigs(false);
       if (matched_ < next_reading_) return;
       next_reading_ = 2 * matched_;  // it takes some tenths of a second
       FindReading();
@@ -185,8 +190,7 @@ class DenseMapperNodelet : public NodeletBase {
     if (!status.ready) {
       NODELET_ERROR("no device to match on: %s", status.device_error.c_str());
     } else if (!status.fallback_reason.empty()) {
-      NODELET_WARN("mapping on %s, since there is no GPU: %s", status.device_name.c_str(),
-                   status.fallback_reason.c_str());
+      NODELET_WARN("mapping on %s, not on a GPU: %s", status.device_name.c_str(), status.fallback_reason.c_str());
     } else {
       NODELET_INFO("mapping on %s", status.device_name.c_str());
     }
@@ -300,11 +304,13 @@ class DenseMapperNodelet : public NodeletBase {
     flushing_ = false;
     Expect(failure);
     FindReading();
+    worker_->JudgeRigs(true);
     const MapperSnapshot after = TakeSnapshot();
     const uint64_t arrived = ImagesReceived(after.inputs) - ImagesReceived(before.inputs);
-    std::string text = Concat("finished all that had come; waited for ", arrived, " image(s) on their way and ",
-                              ImagesUnderWay(before), " under way; images: ", AccountForImages(after),
-                              "; points were sent ", after.points_sent, " times to ", after.maps, " map(s)");
+    std::string text =
+        Concat("finished all that had come; waited for ", arrived, " image(s) on their way and ",
+               ImagesUnderWay(before), " under way; images: ", AccountForImages(after), DescribeDrops(after),
+               "; points were sent ", after.points_sent, " times to ", after.maps, " map(s)");
     if (after.waiting_images > 0) {
       text += Concat("; ", after.waiting_images,
                      " image(s) still wait: ", after.waiting_for.empty() ? "they have no pose" : after.waiting_for);
@@ -384,6 +390,7 @@ class DenseMapperNodelet : public NodeletBase {
     snapshot.waiting_for = intake_->DescribeWait(snapshot.now_s);
     snapshot.not_chosen = intake_->not_chosen();
     snapshot.last_gap = intake_->last_gap();
+    snapshot.pose_use = intake_->pose_use();
     snapshot.points_in_front = intake_->share_in_front();
     snapshot.convention_warning = intake_->convention_warning();
     if (!found.empty()) snapshot.convention_warning = Concat(kPosesDoNotFit, found);
@@ -403,7 +410,12 @@ class DenseMapperNodelet : public NodeletBase {
     constexpr bool kWaitForMaster = false;  // as ros::master::getTopics would, and an unload with it
     if (!ros::master::execute("getPublishedTopics", request, answer, topics, kWaitForMaster)) return snapshot;
     std::map<std::string, std::string> published;
-    for (int i = 0; i < topics.size(); ++i) published[topics[i][0]] = static_cast<std::string&>(topics[i][1]);
+    const std::string own = getNodeHandle().getNamespace() + "/";  // with outputs of the mapper and the map
+    for (int i = 0; i < topics.size(); ++i) {
+      const std::string name = topics[i][0];
+      const bool is_own = own != "//" && name.compare(0, own.size(), own) == 0;
+      if (!is_own || IsInput(name, snapshot.inputs)) published[name] = static_cast<std::string&>(topics[i][1]);
+    }
     AddAdvice(published, &snapshot.inputs);
     return snapshot;
   }

@@ -76,6 +76,17 @@ std::string AccountForImages(const MapperSnapshot& snapshot) {
                 ImagesUnderWay(snapshot), " under way");
 }
 
+std::string DescribeDrops(const MapperSnapshot& snapshot) {
+  std::vector<std::pair<uint64_t, std::string>> drops;
+  for (const auto& [reason, entry] : snapshot.drops) {
+    if (entry.images > 0) drops.emplace_back(entry.images, reason);
+  }
+  std::sort(drops.rbegin(), drops.rend());
+  std::string text;
+  for (const auto& [images, reason] : drops) text += Concat(text.empty() ? " (dropped: " : ", ", images, " ", reason);
+  return text.empty() ? "" : text + ")";
+}
+
 std::string DescribeDistortion(double shift_px, int width, const LensDistortion& told) {
   constexpr double kClear = 0.01;  // of the width; a good calibration leaves a tenth of that
   if (std::abs(shift_px) < kClear * width) return "";
@@ -164,6 +175,14 @@ void DescribeMatching(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* s
   status->add("images", AccountForImages(snapshot));
   status->add("images waiting for a pose", snapshot.waiting_images);
   status->add("posed images passed over by the keyframe gate", snapshot.not_chosen);
+  const PoseUse& use = snapshot.pose_use;
+  if (use.between + use.nearest > 0) {
+    status->add(
+        "stamps of images and poses",
+        Concat(use.same, " images have a pose of their stamp, ", use.between, " one between two poses, ", use.nearest,
+               " the nearest; the nearest pose was up to ", static_cast<double>(use.farthest_ns) * 1e-6, " ms away",
+               use.nearest > 0 ? "; ~sync_tolerance as long as the time between poses has them interpolated" : ""));
+  }
   if (!snapshot.last_gap) return;
   const PoseGap& gap = *snapshot.last_gap;
   const std::string topic = PoseTopic(snapshot);
@@ -249,6 +268,7 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   DescribePoseChecks(worker.pose_checks, status);
   if (!worker.distortion.empty()) status->mergeSummary(DiagnosticStatus::WARN, worker.distortion);
   if (!worker.camera_errors.empty()) status->add("camera", worker.camera_errors);
+  if (!worker.rig.empty()) status->mergeSummary(DiagnosticStatus::WARN, worker.rig);
   DescribeRunWithoutPoints(worker.outputs, status);
   if (!snapshot.points_in_front) return;
   status->add("sparse points in front of the first cameras [%]", 100 * *snapshot.points_in_front);

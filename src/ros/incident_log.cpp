@@ -35,6 +35,7 @@ bool IncidentLog::Record(const RejectedInput& rejected, double now_s) {
   Entry& entry = entries_[rejected.reason];
   const bool tell = entry.count == 0 || now_s - entry.last_told_s >= kRepeatS;
   ++entry.count;
+  entry.images += rejected.ends_image ? 1 : 0;
   entry.last_message = rejected.message;
   entry.last_time_s = now_s;
   if (tell) entry.last_told_s = now_s;

@@ -8,6 +8,7 @@
 #include <boost/algorithm/string/predicate.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/option.h"
 #include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/topic_names.h"
 
@@ -16,6 +17,7 @@ namespace {
 
 using Kind = InputStatus::Kind;
 
+constexpr char kCompressedDepth[] = "/compressedDepth";  ///< after the name of a depth image's topic
 constexpr uint32_t kImageQueue = 30;
 constexpr uint32_t kCameraInfoQueue = 5;
 constexpr uint32_t kPoseQueue = 100;
@@ -32,18 +34,29 @@ bool EndsWhilePaused(Kind kind) { return BringsImages(kind) || kind == Kind::kSo
 /// What to subscribe to.
 struct InputStream {
   Kind kind;
-  std::string topic;
+  std::string name;  ///< relative
   uint32_t queue;
   std::string reason;  ///< of drops, when a message cannot be used
   bool required;
-  size_t camera = 0;  ///< of source cameras
+  size_t camera = 0;       ///< of source cameras
+  std::string topic = {};  ///< where it is another than the name is remapped to
 };
 
-/// "image/compressed" if that name is remapped, else beside the image as image_transport's publishers put it.
+bool IsRemapped(const ros::NodeHandle& nh, const std::string& name) {
+  return nh.resolveName(name, true) != nh.resolveName(name, false);
+}
+
+/// Where a name is that the user has chosen; our launch files remap all names.
+bool IsNamed(const ros::NodeHandle& nh, const std::string& name) {
+  return IsRemapped(nh, name) && nh.resolveName(name) != names::kDefaultTopics + name;
+}
+
+/// "image/compressed" if that name is remapped, else beside the image as image_transport's publishers put it. A name
+/// that ends so is the whole one.
 std::string CompressedTopic(const ros::NodeHandle& nh, const std::string& image) {
   const std::string name = image + names::kCompressed;
-  if (nh.resolveName(name, true) != nh.resolveName(name, false)) return nh.resolveName(name);
-  return nh.resolveName(image) + names::kCompressed;
+  if (IsRemapped(nh, name)) return nh.resolveName(name);
+  return WithoutCompressed(nh.resolveName(image)) + names::kCompressed;
 }
 
 /// What makes the mapper take a topic of this type; empty: nothing does. The names of arguments and parameters are
@@ -63,10 +76,55 @@ std::string HowToTake(Kind kind, const std::string& type, const std::string& top
   for (const auto& way : ways) {
     if (kind == way.kind && type == way.type) return Concat("set ", way.arguments, topic);
   }
-  if (kind != Kind::kImage || type != TypeOf<sensor_msgs::CompressedImage>()) return "";
+  if (type != TypeOf<sensor_msgs::CompressedImage>()) return "";
+  if (kind == Kind::kMask || kind == Kind::kPriorDepth) {
+    const bool is_depth = boost::algorithm::ends_with(topic, kCompressedDepth);
+    return Concat(
+        "it must be raw: rosrun image_transport republish ", is_depth ? "compressedDepth" : "compressed",
+        " in:=", is_depth ? topic.substr(0, topic.size() - std::strlen(kCompressedDepth)) : WithoutCompressed(topic),
+        " raw out:=/raw, and ", kind == Kind::kMask ? names::kMask : names::kPriorDepth, ":=/raw");
+  }
+  if (kind != Kind::kImage || boost::algorithm::ends_with(topic, kCompressedDepth)) return "";
   const std::string image = WithoutCompressed(topic);
   return image != topic ? Concat("set image_transport:=compressed image:=", image)
                         : Concat("set image_transport:=compressed and remap image/compressed to ", topic);
+}
+
+/// What takes a topic that could be meant by a silent input; empty: it could not.
+std::string HowToTakeInstead(const InputStatus& input, const std::string& type, const std::string& topic) {
+  const std::string how = HowToTake(input.kind, type, topic);
+  if (!how.empty() || type != input.type) return how;
+  const struct {
+    Kind kind;
+    const char* argument;
+  } arguments[] = {{Kind::kCameraInfo, names::kCameraInfo},
+                   {Kind::kKeyframe, names::kKeyframe},
+                   {Kind::kExtrinsic, names::kExtrinsic},
+                   {Kind::kMask, names::kMask},
+                   {Kind::kPriorDepth, names::kPriorDepth},
+                   {Kind::kSourceImage, names::kSourceImages[input.camera]},
+                   {Kind::kSourceInfo, names::kSourceCameraInfos[input.camera]}};
+  for (const auto& [kind, argument] : arguments) {
+    if (input.kind == kind) return Concat("set ", argument, ":=", topic);
+  }
+  return "";
+}
+
+/// What is published and could be meant by an input of this name that nobody publishes.
+std::string OthersLike(const InputStatus& input, const std::map<std::string, std::string>& published) {
+  constexpr size_t kFewNames = 3;  // more would be no help
+  std::vector<std::string> topics;
+  for (const auto& [topic, type] : published) {
+    if (!HowToTakeInstead(input, type, topic).empty()) topics.push_back(topic);
+  }
+  const auto describe = [&](const std::string& topic) {
+    return Concat(topic, ": ", HowToTakeInstead(input, published.at(topic), topic));
+  };
+  if (const auto similar = MostSimilar(input.topic, topics)) return "nobody publishes it, but " + describe(*similar);
+  if (!input.required || topics.empty() || topics.size() > kFewNames) return "";
+  std::string text = "nobody publishes it; what could be taken is ";
+  for (size_t i = 0; i < topics.size(); ++i) text += (i > 0 ? "; or " : "") + describe(topics[i]);
+  return text;
 }
 
 std::string AdviceOn(const InputStatus& input, const std::map<std::string, std::string>& published) {
@@ -75,15 +133,16 @@ std::string AdviceOn(const InputStatus& input, const std::map<std::string, std::
     const std::string how = HowToTake(input.kind, found->second, input.topic);
     return Concat("it is published as ", found->second, ", and must be ", input.type, how.empty() ? "" : ": " + how);
   }
-  if (found != published.end() || input.kind != Kind::kImage) return "";
-  // Beside the name that was given: image_transport's other topic, or a name that has its suffix already.
-  for (const std::string& other : {input.topic + names::kCompressed, WithoutCompressed(input.topic)}) {
+  if (found != published.end()) return "";
+  // Beside the name that was given: image_transport's other topics, or a name that has its suffix already.
+  for (const std::string& other :
+       {input.topic + names::kCompressed, input.topic + kCompressedDepth, WithoutCompressed(input.topic)}) {
     const auto beside = published.find(other);
     if (beside == published.end()) continue;
-    const std::string how = HowToTake(input.kind, beside->second, other);
+    const std::string how = HowToTakeInstead(input, beside->second, other);
     if (!how.empty()) return Concat("nobody publishes it, but ", other, ": ", how);
   }
-  return "";
+  return input.is_wanted() ? OthersLike(input, published) : "";
 }
 
 /// Makes the sources of one node.
@@ -158,7 +217,9 @@ class SourceFactory {
     if (options_.overload == OverloadPolicy::kBlock && stream.queue > 1) stream.queue = 0;
     InputSource& source = *sources_.emplace_back(std::make_unique<InputSource>());
     source.fixed.kind = stream.kind;
+    if (stream.topic.empty()) stream.topic = stream.name;
     source.fixed.topic = nh_.resolveName(stream.topic);
+    source.fixed.is_named = IsNamed(nh_, stream.name);
     source.fixed.required = stream.required;
     source.fixed.type = TypeOf<Message>();
     source.fixed.camera = stream.camera;
@@ -179,7 +240,16 @@ class SourceFactory {
         sink.on_drop({reason, Concat(source.fixed.topic, ": ", error.what()), BringsImages(kind)});
       }
     };
-    source.subscriber = SubscribeChecked<Message>(nh_, stream.topic, stream.queue, receive);
+    const auto [other, is_new] = types_.emplace(source.fixed.topic, InputType{stream.name, source.fixed.type});
+    try {
+      source.subscriber = SubscribeChecked<Message>(nh_, stream.topic, stream.queue, receive);
+    } catch (const ros::ConflictingSubscriptionException&) {
+      throw InvalidInputError(
+          Concat("the input ", stream.name, " (", source.fixed.type, ") is ", source.fixed.topic, ", to which ",
+                 is_new ? "another nodelet of this process subscribes with another type"
+                        : Concat("the input ", other->second.name, " (", other->second.type, ") subscribes, too"),
+                 ": each must have the topic of its own type"));
+    }
   }
 
   template <class Message>
@@ -216,21 +286,26 @@ class SourceFactory {
   template <class Take>
   void AddImages(InputStream stream, Take take) {
     if (options_.image_transport == ImageTransport::kRaw) {
-      const auto convert = [topic = nh_.resolveName(stream.topic)](const sensor_msgs::ImageConstPtr& message) {
+      const auto convert = [topic = nh_.resolveName(stream.name)](const sensor_msgs::ImageConstPtr& message) {
         return std::make_shared<const EncodedImage>(EncodedImage{message, nullptr, topic});
       };
       return Add<sensor_msgs::Image>(stream, convert, take);
     }
-    stream.topic = CompressedTopic(nh_, stream.topic);
+    stream.topic = CompressedTopic(nh_, stream.name);
     const auto convert = [topic = stream.topic](const sensor_msgs::CompressedImageConstPtr& message) {
       return std::make_shared<const EncodedImage>(EncodedImage{nullptr, message, topic});
     };
     Add<sensor_msgs::CompressedImage>(stream, convert, take);
   }
 
+  struct InputType {
+    std::string name, type;
+  };
+
   ros::NodeHandle nh_;
   const NodeOptions& options_;
   const InputSink sink_;
+  std::map<std::string, InputType> types_;  ///< of the first input of each topic
   std::vector<std::unique_ptr<InputSource>> sources_;
 };
 
@@ -255,8 +330,12 @@ std::string WithoutCompressed(const std::string& topic) {
 }
 
 void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs) {
+  std::map<std::string, std::string> unused = published;
+  for (const InputStatus& input : *inputs) {
+    if (input.received > 0) unused.erase(input.topic);
+  }
   for (InputStatus& input : *inputs) {
-    if (input.received == 0) input.advice = AdviceOn(input, published);
+    if (input.received == 0) input.advice = AdviceOn(input, unused);
   }
 }
 

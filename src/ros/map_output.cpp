@@ -1,5 +1,6 @@
 #include "acmp_mapping/ros/map_output.h"
 
+#include <algorithm>
 #include <exception>
 #include <filesystem>
 #include <iomanip>
@@ -121,6 +122,20 @@ void MapOutput::PublishOccupancy() {
   slice.origin_y += map.origin.y();
   CheckStopped();
   if (!coarse.empty()) report_({"occupancy_coarse", "occupancy: " + coarse});
+  constexpr size_t kSomeKeyframes = 3;
+  if (slice.cells.empty() && map.keyframes.size() >= kSomeKeyframes) {
+    const auto height = [&](const PlacedKeyframe& keyframe) {
+      return keyframe.world_from_cam.translation().z() + map.origin.z();
+    };
+    const auto [lowest, highest] =
+        std::minmax_element(map.keyframes.begin(), map.keyframes.end(),
+                            [&](const auto& a, const auto& b) { return height(a) < height(b); });
+    report_({"occupancy_empty",
+             Concat("occupancy has no cells: nothing of the map lies between z = ", options_.occupancy_min_height,
+                    " and ", options_.occupancy_max_height, " of \"", header.frame_id,
+                    "\" (~occupancy_min_height, ~occupancy_max_height), where cameras are at z = ", height(*lowest),
+                    " to ", height(*highest), ": z must point up, and the floor be at 0")});
+  }
   PublishOf(emptied, occupancy_, ToOccupancyGrid(slice, header));
 }
 

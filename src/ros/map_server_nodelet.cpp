@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -73,6 +74,11 @@ class MapServerNodelet : public NodeletBase {
     looking_thread_.Stop();  // first: services wait for it
     StopThreads();
     occupancy_thread_.Stop();
+    if (unsaved_keyframes_ <= 0) return;
+    NODELET_WARN(
+        "the map ends with keyframes that came after the last save_map or save_session (%ld messages). If a second "
+        "launch in the same namespace has ended this one: give it another (namespace:=)",
+        static_cast<long>(unsaved_keyframes_));
   }
 
  private:
@@ -119,12 +125,16 @@ class MapServerNodelet : public NodeletBase {
     const auto missing = [this] { return DescribeMissing(TakeSnapshot().mappers); };
     const auto save_map = [this](const auto& request, auto* response) {
       WaitForArrived();
+      const int64_t unsaved = unsaved_keyframes_;
       *response = map_output_->Save(request);
+      unsaved_keyframes_ -= unsaved;
     };
     AddService<acmp_mapping::SaveMap>(&service_thread_, names::kSaveMap, save_map, missing);
     const auto save_session = [this](const auto& request, auto* response) {
       WaitForArrived();
+      const int64_t unsaved = unsaved_keyframes_;
       response->message = SaveSession(request.path, response);
+      unsaved_keyframes_ -= unsaved;
     };
     AddService<acmp_mapping::SaveSession>(&service_thread_, names::kSaveSession, save_session, missing);
     AddService<acmp_mapping::LoadSession>(
@@ -226,6 +236,7 @@ class MapServerNodelet : public NodeletBase {
       CountMessage(head.key.mapper, message);
       CheckFrame(head.key.mapper, head.world_frame);
       AddKeyframe(head, message);
+      ++unsaved_keyframes_;
     } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
       Report({"bad_keyframe", Concat(NameOf(message), ": ", error.what())});
     }
@@ -332,6 +343,7 @@ class MapServerNodelet : public NodeletBase {
     world_frame_.clear();
     path_frame_.clear();
     newest_stamp_ns_ = 0;
+    unsaved_keyframes_ = 0;
     std::lock_guard<std::mutex> lock(mutex_);
     mappers_.clear();
   }
@@ -358,6 +370,7 @@ class MapServerNodelet : public NodeletBase {
 
   std::mutex mutex_;
   std::map<std::string, MapperTraffic> mappers_;
+  std::atomic<int64_t> unsaved_keyframes_{0};  ///< messages since the last save_map, save_session or reset
 
   // Used by the input thread alone.
   std::string world_frame_;      ///< of the first keyframe, or of the session that an empty map began with

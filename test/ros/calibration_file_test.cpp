@@ -34,7 +34,7 @@ class CalibrationFileTest : public TestFolder {
 };
 
 TEST_F(CalibrationFileTest, ReadsWhatCameraCalibrationWrites) {
-  for (const char* name : {"camera.yaml", "camera.yml", "CAMERA.YAML"}) {
+  for (const char* name : {"camera.yaml", "camera.yml", "CAMERA.YAML", "camera.txt"}) {
     const sensor_msgs::CameraInfo info = ReadCalibrationFile(WriteText(name, good_).string());
     EXPECT_EQ(info.width, 64u);
     EXPECT_EQ(info.K[2], 32.012);
@@ -74,8 +74,8 @@ TEST_F(CalibrationFileTest, OtherFilesAreRefused) {
   const std::string pipe = (folder() / "pipe.yaml").string();
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
   EXPECT_THAT(refusal(pipe), HasSubstr("must be a file"));
-  EXPECT_THAT(refusal(WriteText("camera.txt", good_).string()), HasSubstr(".yaml or .yml"));
-  EXPECT_THAT(refusal(WriteText("camera.ini", good_).string()), HasSubstr(".yaml or .yml"));
+  EXPECT_THAT(refusal(WriteText("camera.txt", "fx 1\n").string()), HasSubstr(kConverter));
+  EXPECT_THAT(refusal(WriteText("camera.ini", "# oST\n[image]\nwidth\n3\n").string()), HasSubstr("no whole INI"));
 }
 
 TEST_F(CalibrationFileTest, ReadsTheIniOfCameraCalibrationUnderAnyName) {
@@ -84,7 +84,7 @@ TEST_F(CalibrationFileTest, ReadsTheIniOfCameraCalibrationUnderAnyName) {
       "500.0 0.0 320.0\n0.0 500.0 240.0\n0.0 0.0 1.0\n\ndistortion\n0.1 0.01 0.0 0.0 0.0\n\nrectification\n"
       "1.0 0.0 0.0\n0.0 1.0 0.0\n0.0 0.0 1.0\n\nprojection\n490.0 0.0 321.0 -60.0\n0.0 490.0 241.0 0.0\n"
       "0.0 0.0 1.0 0.0\n\n";
-  for (const char* name : {"ost.txt", "camera.ini", "left"}) {
+  for (const char* name : {"ost.txt", "camera.ini", "left", "left.yaml"}) {
     const sensor_msgs::CameraInfo info = ReadCalibrationFile(WriteText(name, ini).string());
     EXPECT_EQ(info.width, 640u) << name;
     EXPECT_EQ(info.K[2], 320);

@@ -94,6 +94,10 @@ TEST(MapperDiagnostics, SayWhatIsWrong) {
        "nothing on /slam/pose for 12 s (1 publisher(s))", "/slam/pose", "500 received: nothing on /slam/pose for 12 s"},
       {&DescribeInputs, SetInput(3, {Kind::kCloud, "/points", 0, 0, 60, false}), kOk, "all inputs arrive", "/points",
        "nobody publishes"},  // not needed when the depth range is given
+      {&DescribeInputs, SetInput(3, {Kind::kMask, "/camera/maks", 0, 0, 60, false, "", "", 0, true}), kWarn,
+       "nothing yet on /camera/maks for 40 s"},  // the user has named it
+      {&DescribeInputs, SetInput(3, {Kind::kMask, "/camera/mask", 0, 1, 60, false, "", "", 0, true}), kOk,
+       "all inputs arrive"},  // it has come
       {&DescribeInputs, [](auto* s) { s->paused = true; }, kWarn, "paused"},
       {&DescribeInputs, ended, kWarn, "after 500 messages nobody publishes it any more: a recording has ended"},
 
@@ -115,6 +119,7 @@ TEST(MapperDiagnostics, SayWhatIsWrong) {
       {&DescribeMapping, wrong_stamps, kWarn, "taken 31 ms before", "poses contradict the images by [% of the depth]",
        "0.4"},
       {&DescribeMapping, [](auto* s) { s->worker.pose_checks.stamp_offset_s = -0.02; }, kWarn, "taken 20 ms after"},
+      {&DescribeMapping, [](auto* s) { s->worker.rig = "the baseline is in millimetres"; }, kWarn, "millimetres"},
       {&DescribeMapping, [](auto* s) { s->worker.distortion = "radial distortion"; }, kWarn, "radial distortion"},
       {&DescribeMapping, [](auto* s) { s->convention_warning = "~pose_is: T_cam_world fits"; }, kWarn, "T_cam_world",
        "sparse points in front of the first cameras [%]", "90"},
@@ -173,15 +178,18 @@ TEST(MapperDiagnostics, ATopicOfAnotherTypeIsNamedWithWhatToSet) {
   const struct {
     Kind kind;
     std::string topic, type, word;
-  } cases[] = {{Kind::kPose, "/vio/odometry", "geometry_msgs/PoseStamped",
-                "nothing yet on /vio/odometry for 40 s (it is published as nav_msgs/Odometry, and must be "
-                "geometry_msgs/PoseStamped: set pose_source:=odom odom:=/vio/odometry)"},
-               {Kind::kImage, "/cam/image", "sensor_msgs/Image", compressed},
-               {Kind::kImage, "/cam/image/compressed", "sensor_msgs/Image", compressed},
-               {Kind::kImage, "/cam/image/compressed/compressed", "sensor_msgs/CompressedImage", compressed},
-               {Kind::kCloud, "/slam/old_points", "sensor_msgs/PointCloud2", "set sparse_points_v1:=/slam/old_points"},
-               {Kind::kCameraInfo, "/vio/odometry", "sensor_msgs/CameraInfo", "must be sensor_msgs/CameraInfo)"},
-               {Kind::kPose, "/pose", "geometry_msgs/PoseStamped", "nobody publishes it: check the remap"}};
+  } cases[] = {
+      {Kind::kPose, "/vio/odometry", "geometry_msgs/PoseStamped",
+       "nothing yet on /vio/odometry for 40 s (it is published as nav_msgs/Odometry, and must be "
+       "geometry_msgs/PoseStamped: set pose_source:=odom odom:=/vio/odometry)"},
+      {Kind::kImage, "/cam/image", "sensor_msgs/Image", compressed},
+      {Kind::kImage, "/cam/image/compressed", "sensor_msgs/Image", compressed},
+      {Kind::kImage, "/cam/image/compressed/compressed", "sensor_msgs/CompressedImage", compressed},
+      {Kind::kCloud, "/slam/old_points", "sensor_msgs/PointCloud2", "set sparse_points_v1:=/slam/old_points"},
+      {Kind::kCameraInfo, "/vio/odometry", "sensor_msgs/CameraInfo", "must be sensor_msgs/CameraInfo)"},
+      {Kind::kPose, "/pose", "geometry_msgs/PoseStamped",
+       "nobody publishes it; what could be taken is /vio/odometry: set pose_source:=odom odom:=/vio/odometry)"},
+      {Kind::kKeyframe, "/keyframe", "acmp_mapping/Keyframe", "nobody publishes it: check the remap"}};
   for (const auto& [kind, topic, type, word] : cases) {
     MapperSnapshot snapshot = HealthyMapper();
     snapshot.inputs = {{kind, topic, 0, 0, 60, kind != Kind::kCloud, type}};
@@ -189,6 +197,61 @@ TEST(MapperDiagnostics, ATopicOfAnotherTypeIsNamedWithWhatToSet) {
     EXPECT_THAT(DescribeMissing(snapshot), HasSubstr(word));
     EXPECT_EQ(DescribeMissing(snapshot), Describe(&DescribeInputs, snapshot).message);
   }
+}
+
+TEST(MapperDiagnostics, WhatIsPublishedAndLooksLikeAMisspelledNameIsNamed) {
+  const std::map<std::string, std::string> published = {
+      {"/camera/mask", "sensor_msgs/Image"},
+      {"/camera/image_raw", "sensor_msgs/Image"},
+      {"/depth/image_raw/compressedDepth", "sensor_msgs/CompressedImage"},
+      {"/camera/camera_info", "sensor_msgs/CameraInfo"},
+      {"/robot/cam/image_color", "sensor_msgs/Image"}};
+  const struct {
+    Kind kind;
+    std::string topic, type, word;
+  } cases[] = {
+      {Kind::kMask, "/camera/maks", "sensor_msgs/Image", "nobody publishes it, but /camera/mask: set mask:="},
+      {Kind::kImage, "/camera/imag_raw", "sensor_msgs/Image", "but /camera/image_raw: set "},
+      {Kind::kCameraInfo, "/camera/camrea_info", "sensor_msgs/CameraInfo", "set camera_info:=/camera/camera_info"},
+      {Kind::kImage, "/robot/acmp/cam/image_color", "sensor_msgs/Image", "image:=/robot/cam/image_color"},
+      {Kind::kPriorDepth, "/depth/image_raw", "sensor_msgs/Image",
+       "republish compressedDepth in:=/depth/image_raw raw out:="},
+      {Kind::kPriorDepth, "/somewhere/else/entirely", "sensor_msgs/Image", "nobody publishes it: check"}};
+  for (const auto& [kind, topic, type, word] : cases) {
+    MapperSnapshot snapshot = HealthyMapper();
+    snapshot.inputs = {{kind, topic, 0, 0, 60, false, type, "", 0, true}};
+    AddAdvice(published, &snapshot.inputs);
+    EXPECT_THAT(DescribeMissing(snapshot), HasSubstr(word));
+  }
+}
+
+TEST(MapperDiagnostics, WhatIsTakenAlreadyOrWasNotAskedForIsNoAdvice) {
+  const std::map<std::string, std::string> published = {{"/slam/sparse_points", "sensor_msgs/PointCloud2"}};
+  MapperSnapshot snapshot = HealthyMapper();
+  snapshot.inputs = {{Kind::kCloud, "/slam/sparse_points_v1", 0, 0, 60, false, "sensor_msgs/PointCloud"}};
+  AddAdvice(published, &snapshot.inputs);
+  EXPECT_EQ(DescribeMissing(snapshot), "") << "nobody has named it";
+  snapshot.inputs[0].is_named = true;
+  snapshot.inputs.push_back({Kind::kCloud, "/slam/sparse_points", 1, 5, 99, false, "sensor_msgs/PointCloud2"});
+  AddAdvice(published, &snapshot.inputs);
+  EXPECT_THAT(DescribeMissing(snapshot), HasSubstr("nobody publishes it: check"));
+}
+
+TEST(MapperDiagnostics, SayHowFarImagesAreFromPoses) {
+  MapperSnapshot snapshot = HealthyMapper();
+  snapshot.pose_use = {10, 20, 3, 12500000};
+  EXPECT_THAT(
+      ValueOf(Describe(&DescribeMatching, snapshot), "stamps of images and poses"),
+      AllOf(HasSubstr("10 images have"), HasSubstr("20 one between"), HasSubstr("12.5 ms"), HasSubstr("~sync_tol")));
+}
+
+TEST(MapperDiagnostics, DropsAreCountedByReason) {
+  MapperSnapshot snapshot = HealthyMapper();
+  EXPECT_EQ(DescribeDrops(snapshot), "");
+  snapshot.drops["no_pose"].images = 12;
+  snapshot.drops["overload"].images = 30;
+  snapshot.drops["bad_pose"].count = 7;  // ended no image
+  EXPECT_EQ(DescribeDrops(snapshot), " (dropped: 30 overload, 12 no_pose)");
 }
 
 TEST(MapperDiagnostics, DistortionThatNobodyToldIsNamed) {

@@ -200,7 +200,7 @@ TEST_F(LifecycleTest, ReportsThatThereIsNoGpu) {
   ASSERT_TRUE(Load());
   EXPECT_TRUE(mapper().WaitForDiagnostic({"why not on a GPU"}));
   EXPECT_TRUE(mapper().WaitForDiagnostic({"mapping on cpu"}));
-  EXPECT_TRUE(mapper().WaitForLog({"mapping on cpu", "no GPU"}));
+  EXPECT_TRUE(mapper().WaitForLog({"mapping on cpu", "not on a GPU"}));
   EXPECT_TRUE(mapper().WaitForLog({"preset auto, images of at most"})) << "a CPU that has to keep up";
   EXPECT_TRUE(Unload());
 }

@@ -73,6 +73,7 @@ struct MapperSnapshot {
   uint64_t matched = 0;         ///< keyframes handed to the worker
   uint64_t not_chosen = 0;      ///< posed images that the keyframe gate passed over
   std::optional<PoseGap> last_gap;
+  PoseUse pose_use;
   double sync_tolerance_s = 0;
   std::optional<double> points_in_front;  ///< share of the first keyframes' sparse points, 0..1
   std::string convention_warning;         ///< why poses are probably read wrongly; empty: they are not
@@ -87,6 +88,9 @@ uint64_t ImagesUnderWay(const MapperSnapshot& snapshot);
 
 /// Every image that came is in one of these: "112 received = 90 refined + 12 dropped + 6 passed over + 4 under way".
 std::string AccountForImages(const MapperSnapshot& snapshot);
+
+/// Why images were dropped, most first: " (12 no_pose, 3 overload)"; empty: none was.
+std::string DescribeDrops(const MapperSnapshot& snapshot);
 
 /// For the log and the status: where images show clearly more radial distortion than their calibration tells; empty:
 /// they do not.

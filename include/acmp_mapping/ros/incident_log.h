@@ -27,6 +27,7 @@ class IncidentLog {
     std::string last_message;
     double last_time_s = 0;
     double last_told_s = 0;
+    uint64_t images = 0;  ///< of the count, what ended an image
   };
 
   /// True when the message should go to the log now. `now_s` is any clock that never goes back.

@@ -90,8 +90,8 @@ using CalibrationPtr = std::shared_ptr<const CameraCalibration>;
 
 bool operator==(const CameraCalibration& a, const CameraCalibration& b);
 
-/// Reads what camera_calibration writes, YAML (.yaml, .yml) or INI (any other name), and YAML of a CameraInfo message,
-/// as `rostopic echo` prints it. Throws InvalidInputError if the file cannot be read, naming what a YAML file lacks, or
+/// Reads what camera_calibration writes, YAML or INI, and YAML of a CameraInfo message, as `rostopic echo` prints it,
+/// under any name. Throws InvalidInputError if the file cannot be read, naming what a YAML file lacks, or
 /// the size that a matrix has and must have, and where ToCalibration refuses its camera. All messages name the file.
 /// @param rectified of ToCalibration
 sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path, bool rectified = false);

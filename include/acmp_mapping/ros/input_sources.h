@@ -36,18 +36,22 @@ struct InputStatus {
   double last_received_s = 0;  ///< steady clock; of the start while nothing was received
   bool required = true;        ///< nothing is mapped without it
   std::string type = {};       ///< of messages that are subscribed to
-  std::string advice = {};     ///< what to set, where the topic is published with another type; else empty
+  std::string advice = {};     ///< what to set, where something like it is published; else empty
   size_t camera = 0;           ///< of kSourceImage and kSourceInfo, from 0
+  bool is_named = false;       ///< by the user: it is not where it is by default
 
   /// Whether the user has asked for it, and wants to know when nothing comes.
-  bool is_wanted() const { return required || kind == Kind::kSourceImage || kind == Kind::kSourceInfo; }
+  bool is_wanted() const {
+    return required || kind == Kind::kSourceImage || kind == Kind::kSourceInfo || (is_named && received == 0);
+  }
 };
 
 /// "/camera/image" of "/camera/image/compressed".
 std::string WithoutCompressed(const std::string& topic);
 
-/// Adds advice to the inputs on which nothing has come.
-/// @param published types by name, of all topics that somebody publishes
+/// Adds advice to the inputs on which nothing has come: how to take the topic if it is published with another type, or
+/// what is published whose name is like it; for a required one, whatever could be taken in its place.
+/// @param published types by name, of all topics that others publish
 void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs);
 
 /// A subscription, whose status may be asked for in any thread.
@@ -69,7 +73,7 @@ struct InputSink {
 };
 
 /// Subscribes to the streams that the options ask for. Callbacks run in the node handle's callback queue. Throws
-/// InvalidInputError where two cameras have the same topic.
+/// InvalidInputError where two cameras have the same topic, or two inputs of different types.
 std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle& nh, const NodeOptions& options,
                                                            const InputSink& sink);
 

@@ -23,6 +23,7 @@ constexpr const char* kSourceImages[] = {"source_image", "source_image_2", "sour
 constexpr const char* kSourceCameraInfos[] = {"source_camera_info", "source_camera_info_2", "source_camera_info_3",
                                               "source_camera_info_4"};
 constexpr char kOptimizedPath[] = "optimized_path";
+constexpr char kDefaultTopics[] = "/slam/";  ///< before these names: where our launch files and recordings have them
 
 constexpr char kFacePrefix[] = "face_";  ///< of the image topics of a wide image's faces: face_left/depth/...
 constexpr char kDepthFast[] = "depth_fast/image_rect";
