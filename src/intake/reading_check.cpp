@@ -251,6 +251,8 @@ std::vector<MatchedImages> ReadingCheck::Match() const {
     const FeatureImage& other = images.back();
     for (size_t i = images.size() - 1, j = i < kMostGap ? 0 : i - kMostGap; j < i; ++j) {
       const FeatureImage& one = images[j];
+      constexpr double kSamePlace = 1e-9;  // of a camera that stands matches say nothing
+      if ((other.cam_from_world * one.cam_from_world.inverse()).translation().norm() < kSamePlace) continue;
       MatchedImages pair = {{}, {}, one.cam_from_world.inverse(), other.cam_from_world, other.camera.fx};
       for (const PixelMatch& match : MatchFeatures(one, other)) {
         pair.rays.emplace_back(one.camera.Unproject(one.pixels[match.one], 1));
