@@ -34,6 +34,33 @@ std::string DescribeReading(const PoseReading& reading) {
   return Concat(text, "turned by about [", rounded.row(0), "; ", rounded.row(1), "; ", rounded.row(2), "]");
 }
 
+/// Of matches between each image and the next, those that lie where they should; none of too few.
+std::optional<double> ShareOfNeighbours(const std::vector<FramePtr>& frames) {
+  constexpr size_t kFewestMatches = 200, kFewestOfPair = 30;
+  size_t near = 0, all = 0;
+  std::optional<FeatureImage> before;
+  for (const FramePtr& frame : frames) {
+    const SmallImage small = MakeSmallImage(*frame);
+    if (small.gray.empty()) return std::nullopt;
+    FeatureImage image = FindFeatures(small);
+    if (before) {
+      const RigidTransform image_from_before = image.cam_from_world * before->cam_from_world.inverse();
+      constexpr double kSamePlace = 1e-9;  // of a camera that stands matches say nothing
+      const bool stands = image_from_before.translation().norm() < kSamePlace;
+      std::vector<PixelMatch> matches = MatchFeatures(*before, image);
+      if (stands || matches.size() < kFewestOfPair) matches.clear();
+      for (const PixelMatch& match : matches) {
+        ++all;
+        near += EpipolarDistance(image_from_before, before->camera.Unproject(before->pixels[match.one], 1),
+                                 image.camera.Unproject(image.pixels[match.other], 1), image.camera.fx) < 1;
+      }
+    }
+    before = std::move(image);
+  }
+  if (all < kFewestMatches) return std::nullopt;
+  return static_cast<double>(near) / static_cast<double>(all);
+}
+
 }  // namespace
 
 std::string DescribePoseDoubt(const Scene& scene, const std::vector<int>& indices, FrameStore* frames) {
@@ -43,14 +70,25 @@ std::string DescribePoseDoubt(const Scene& scene, const std::vector<int>& indice
   }
   const size_t count = std::min(kNeighbours, ahead.size()), first = (ahead.size() - count) / 2;
   ReadingCheck check(kNeighbours);
-  for (size_t i = first; i < first + count; ++i) check.Add(*frames->Get(ahead[i]));
+  std::vector<FramePtr> neighbours;
+  for (size_t i = first; i < first + count; ++i) neighbours.push_back(frames->Get(ahead[i]));
+  for (const FramePtr& frame : neighbours) check.Add(*frame);
   const ReadingVerdict verdict =
       check.Judge({PoseSemantics::Direction::kWorldFromCam, PoseSemantics::Child::kCameraOptical, OpenGlFromCamera()});
-  if (!verdict.share || *verdict.share >= ReadingVerdict::kFittingShare) return "";
+  constexpr double kSurelyWrong = 0.3;  // of few matches
+  const std::optional<double> of_few = verdict.share ? std::nullopt : ShareOfNeighbours(neighbours);
+  const bool fits =
+      verdict.share ? *verdict.share >= ReadingVerdict::kFittingShare : of_few.value_or(1) >= kSurelyWrong;
+  if (fits) return "";
   const auto percent = [](double share) { return std::lround(100 * share); };
   const std::string share =
-      Concat("the poses do not fit the images: ", percent(*verdict.share),
+      Concat("the poses do not fit the images: ", percent(verdict.share ? *verdict.share : *of_few),
              " % of the matches between neighbouring images lie where they should (of good poses 70 to 95 %); ");
+  if (of_few) {
+    return share +
+           "they are inverted, of other axes than x right, y down, z forward, or those of other images, or the "
+           "calibration is wrong";
+  }
   if (verdict.fitting.empty()) {
     return share + "no other reading that was tried fits: poses or calibration are wrong, or are those of other images";
   }
