@@ -11,6 +11,7 @@
 #include "acmp_mapping/fill/fill.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/match_setup.h"
+#include "acmp_mapping/planar_prior/kernel/support_grid.h"
 #include "cuda_transfers.h"
 
 namespace acmp {
@@ -27,27 +28,17 @@ class CudaPasses : public CudaTransfers {
     if (pass.kind != Pass::kPhotometric) CheckStartSize(pass.start, camera);
     return OnDevice([&] {
       const size_t pixels = static_cast<size_t>(camera.width) * camera.height;
-      DeviceArray<uint32_t> selected_views;  // only where the prior's numbers have the place of the depths
-      if (pass.prior != nullptr) {
-        Uploaded(pass.prior->triangles, &triangles_);
-        Uploaded(pass.prior->planes, &planes_);
-        selected_views = DeviceArray<uint32_t>(device_, pixels);
-      }
       const std::shared_ptr<CudaEstimate> estimate =
           pass.kind == Pass::kPhotometric ? NewEstimate(camera) : Continue(pass.start);
       const std::unique_lock<std::mutex> turn = device_->PassTurn(pixels);
       const std::shared_lock<FairSharedMutex> images(device_->images_mutex());
       CudaMatchContext context =
           MakeContext(problem, match, level, options, pass.kind, pass.geometric_pass, estimate.get());
-      if (pass.prior != nullptr) {
-        context.selected_views.data = selected_views.data();
-        context.prior = {planes_.data(), estimate->NumbersView()};
-      }
       StartClock();
-      if (pass.prior != nullptr) {
-        const int count = static_cast<int>(pass.prior->triangles.size());
-        LaunchRasterizePrior({triangles_.data(), planes_.data(), count}, MakeRayGrid(camera), match.depth_range.min,
-                             match.depth_range.max, estimate->NumbersView(), stream_.get());
+      if (pass.kind == Pass::kPlanarPrior) {
+        selected_views_.Reserve(device_, pixels);
+        context.selected_views.data = selected_views_.data();
+        context.prior = QueuePrior(pass, camera, match.depth_range, estimate->NumbersView());
       }
       VisitPass(pass.kind, options.method, [&](auto kind, auto method) {
         LaunchPass<kind, method>(context, IterationsOf(kind, options), stream_.get());
@@ -184,6 +175,34 @@ class CudaPasses : public CudaTransfers {
     return {std::as_const(estimate.inverse_depth).View(), estimate.inverse_step};
   }
 
+  /// Queues the planar prior of a pass.
+  /// @param numbers of the pixels' planes; may take the place of the start's depths
+  PriorMap QueuePrior(const EnginePass& pass, const PinholeCamera& camera, const DepthRange& range,
+                      const ImageView<uint32_t>& numbers) {
+    const RayGrid rays = MakeRayGrid(camera);
+    if (pass.grid_prior != nullptr) {
+      const CudaEstimate& start = Cast<CudaEstimate>(pass.start);
+      const int size = pass.grid_prior->cell_size_px;
+      const int cols = CellsOf(camera.width, size), rows = CellsOf(camera.height, size);
+      triangles_.Reserve(device_, 2 * static_cast<size_t>(cols) * rows);
+      planes_.Reserve(device_, 2 * static_cast<size_t>(cols) * rows);
+      const SupportGrid grid = {size, support_points_.Reserve(device_, cols, rows),
+                                flooded_points_.Reserve(device_, cols, rows), triangles_.data(), planes_.data()};
+      LaunchFindSupport(
+          {start.depth.View(), start.cost.View(), range.min, range.max, pass.grid_prior->max_support_cost, size},
+          grid.points, stream_.get());
+      LaunchGridPrior(grid, rays, static_cast<float>(MinPriorCosine(*pass.grid_prior)), range, numbers, stream_.get());
+    } else {
+      const PriorMesh none;
+      const PriorMesh& mesh = pass.prior == nullptr ? none : *pass.prior;
+      Uploaded(mesh.triangles, &triangles_);
+      Uploaded(mesh.planes, &planes_);
+      LaunchRasterizePrior({triangles_.data(), planes_.data(), static_cast<int>(mesh.triangles.size())}, rays,
+                           range.min, range.max, numbers, stream_.get());
+    }
+    return {planes_.data(), numbers};
+  }
+
   /// The context of a pass over an estimate, until the next call: geometric passes read the sources' depths, the views
   /// that pixels select take the place of the estimate's depths, and there is no prior. Queues the upload of what it
   /// points to: whoever then starts the clock does not count the host's work. The caller holds images_mutex() shared
@@ -235,7 +254,8 @@ class CudaPasses : public CudaTransfers {
   DeviceArray<ImageView<const float>> full_depths_;
   DeviceArray<ImageView<const unsigned char>> mask_distances_;
   DeviceArray<float> largest_inverse_;
-  DeviceMap<SupportPoint> support_points_;
+  DeviceArray<uint32_t> selected_views_;  ///< where the prior's numbers have the place of the depths
+  DeviceMap<SupportPoint> support_points_, flooded_points_;
   DeviceArray<TriangleCorners> triangles_;  ///< of the prior
   DeviceArray<PlaneHypothesis> planes_;     ///< of these
   DeviceMap<float> evidence_;

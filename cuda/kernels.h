@@ -6,12 +6,15 @@
 #include "acmp_mapping/fill/kernel/weighted_median.h"
 #include "acmp_mapping/fusion/kernel/fusion_context.h"
 #include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "acmp_mapping/planar_prior/kernel/planar_prior.h"
 
 namespace acmp {
+
+struct SupportGrid;
 
 // All launches queue work on a stream; pointers and views, also those in contexts, are device memory.
 
@@ -103,6 +106,10 @@ struct PriorTriangles {
   const PlaneHypothesis* planes;  ///< zero: none
   int count;
 };
+
+/// Everything of a grid prior (MakeGridMesh) but its first support points (LaunchFindSupport).
+void LaunchGridPrior(const SupportGrid& grid, const RayGrid& rays, float min_cosine, const DepthRange& range,
+                     const ImageView<uint32_t>& numbers, cudaStream_t stream);
 
 /// Draws the triangles' numbers, from 1, where their planes lie within [depth_min, depth_max]; the other pixels become
 /// zero.

@@ -1,5 +1,8 @@
+#include <utility>
+
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/restore_detail.h"
+#include "acmp_mapping/planar_prior/kernel/support_grid.h"
 #include "kernels.h"
 #include "launch.h"
 
@@ -25,7 +28,7 @@ __global__ void LargestInverseKernel(ImageView<const float> depth, unsigned* lar
   if (of_block > *static_cast<volatile unsigned*>(largest)) atomicMax(largest, of_block);
 }
 
-/// One warp per triangle, which fills its rows one after the other. No two triangles share a pixel.
+/// One warp per triangle, which fills its rows one after the other. Of those that share a pixel the last one has it.
 __global__ void RasterizePriorKernel(PriorTriangles triangles, RayGrid rays, float depth_min, float depth_max,
                                      ImageView<uint32_t> numbers) {
   const int index = static_cast<int>((blockIdx.x * blockDim.x + threadIdx.x) / kWarp);
@@ -45,7 +48,7 @@ __global__ void RasterizePriorKernel(PriorTriangles triangles, RayGrid rays, flo
       const int row = first_row + i;
       for (int col = span.first + thread; col <= span.last; col += kWarp) {
         const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-        if (depth >= depth_min && depth <= depth_max) numbers(col, row) = static_cast<uint32_t>(index) + 1;
+        if (depth >= depth_min && depth <= depth_max) atomicMax(&numbers(col, row), static_cast<uint32_t>(index) + 1);
       }
     }
   }
@@ -105,6 +108,21 @@ void LaunchRasterizePrior(const PriorTriangles& triangles, const RayGrid& rays, 
   RasterizePriorKernel<<<DivideUp(triangles.count, kWarpsPerBlock), kWarpsPerBlock * kWarp, 0, stream>>>(
       triangles, rays, depth_min, depth_max, numbers);
   CudaCheck(cudaGetLastError(), "launch planar prior");
+}
+
+void LaunchGridPrior(const SupportGrid& first, const RayGrid& rays, float min_cosine, const DepthRange& range,
+                     const ImageView<uint32_t>& numbers, cudaStream_t stream) {
+  SupportGrid grid = first;
+  const int cols = grid.points.width, rows = grid.points.height;
+  for (int step = FirstFloodingStep(cols, rows); step > 0; step /= 2) {
+    LaunchForEach("launch flooding of support points", cols, rows, stream, [=] __device__(int col, int row) {
+      grid.flooded(col, row) = FloodCell(grid.points, grid.cell_size, step, col, row);
+    });
+    std::swap(grid.points, grid.flooded);
+  }
+  LaunchForEach("launch triangles of the prior", cols, rows, stream,
+                [=] __device__(int col, int row) { SetTrianglesOfGroup(grid, rays, min_cosine, col, row); });
+  LaunchRasterizePrior({grid.triangles, grid.planes, 2 * cols * rows}, rays, range.min, range.max, numbers, stream);
 }
 
 void LaunchFillLayer(cudaTextureObject_t source, int source_layer, float scale, cudaSurfaceObject_t destination,

@@ -87,11 +87,15 @@ EngineEstimatePtr DepthEstimator::EstimateInitial(const EngineProblem& problem) 
   times_.photometric_ms = timer.Lap();
   times_.photometric_kernels_ms = engine_->PopDeviceTime();
   if (!options_.use_planar_prior) return estimate;
-  const PriorMesh prior = MakePriorMesh(
-      problem.reference.frame->camera, engine_->FindSupportPoints(estimate, problem.depth_range, options_.planar_prior),
-      options_.planar_prior);
-  times_.prior_construction_ms = timer.Lap();
-  estimate = engine_->RunPlanarPrior(problem, options_.patch_match, std::move(estimate), prior);
+  if (options_.patch_match.method == Method::kOurs) {
+    estimate = engine_->RunGridPrior(problem, options_.patch_match, std::move(estimate), options_.planar_prior);
+  } else {
+    const PriorMesh prior = MakePriorMesh(
+        problem.reference.frame->camera,
+        engine_->FindSupportPoints(estimate, problem.depth_range, options_.planar_prior), options_.planar_prior);
+    times_.prior_construction_ms = timer.Lap();
+    estimate = engine_->RunPlanarPrior(problem, options_.patch_match, std::move(estimate), prior);
+  }
   times_.planar_prior_ms = timer.Lap();
   return estimate;
 }

@@ -13,6 +13,7 @@
 #include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/image/for_each_pixel.h"
 #include "acmp_mapping/planar_prior/kernel/planar_prior.h"
+#include "acmp_mapping/planar_prior/kernel/support_grid.h"
 
 namespace acmp {
 namespace {
@@ -48,6 +49,15 @@ void CheckDepths(const std::vector<SupportPoint>& points) {
 
 constexpr int kBandRows = 32;  ///< that one task fills
 
+void FindSupportPointsOfCells(const ImageView<const float>& depth, const ImageView<const float>& cost,
+                              const DepthRange& range, const PlanarPriorOptions& options,
+                              const ImageView<SupportPoint>& cells) {
+  ForEachPixel(cells.width, cells.height, [&](int col, int row) {
+    cells(col, row) = FindSupportPointOfCell(depth, cost, range.min, range.max, options.max_support_cost,
+                                             options.cell_size_px, col, row);
+  });
+}
+
 }  // namespace
 
 std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageView<const float> cost,
@@ -55,10 +65,7 @@ std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageV
   CheckDepthRange("depth range of the support points", range);
   const int size = options.cell_size_px;
   Image<SupportPoint> cells(CellsOf(depth.width, size), CellsOf(depth.height, size));
-  ForEachPixel(cells.width(), cells.height(), [&](int col, int row) {
-    cells(col, row) =
-        FindSupportPointOfCell(depth, cost, range.min, range.max, options.max_support_cost, size, col, row);
-  });
+  FindSupportPointsOfCells(depth, cost, range, options, cells.View());
   std::vector<SupportPoint> points;
   std::copy_if(cells.begin(), cells.end(), std::back_inserter(points),
                [](const SupportPoint& point) { return point.depth > 0; });
@@ -69,8 +76,8 @@ PriorMesh MakePriorMesh(const PinholeCamera& camera, const std::vector<SupportPo
                         const PlanarPriorOptions& options) {
   CheckCamera("camera of the planar prior", camera);
   CheckDepths(points);
-  const std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points, options.cell_size_px);
-  const double min_cos = std::cos(options.max_grazing_angle_deg * kRadPerDeg<double>);
+  const std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points);
+  const double min_cos = MinPriorCosine(options);
   PriorMesh mesh;
   mesh.triangles.resize(triangles.size());
   mesh.planes.resize(triangles.size());
@@ -112,6 +119,34 @@ Image<uint32_t> RasterizePrior(const PinholeCamera& camera, const PriorMesh& mes
     }
   });
   return numbers;
+}
+
+PriorMesh MakeGridMesh(const PinholeCamera& camera, ImageView<const float> depth, ImageView<const float> cost,
+                       const DepthRange& range, const PlanarPriorOptions& options) {
+  CheckCamera("camera of the planar prior", camera);
+  CheckDepthRange("depth range of the planar prior", range);
+  CheckSize("depth map", depth.width, depth.height, camera);
+  CheckSize("cost map", cost.width, cost.height, camera);
+  const int size = options.cell_size_px, cols = CellsOf(camera.width, size), rows = CellsOf(camera.height, size);
+  Image<SupportPoint> points(cols, rows), flooded(cols, rows);
+  FindSupportPointsOfCells(depth, cost, range, options, points.View());
+  for (int step = FirstFloodingStep(cols, rows); step > 0; step /= 2) {
+    ForEachPixel(cols, rows,
+                 [&](int col, int row) { flooded(col, row) = FloodCell(points.View(), size, step, col, row); });
+    std::swap(points, flooded);
+  }
+  PriorMesh mesh;
+  mesh.triangles.resize(2 * points.size());
+  mesh.planes.resize(2 * points.size());
+  const SupportGrid grid = {size, points.View(), flooded.View(), mesh.triangles.data(), mesh.planes.data()};
+  const RayGrid rays = MakeRayGrid(camera);
+  const auto min_cosine = static_cast<float>(MinPriorCosine(options));
+  ForEachPixel(cols, rows, [&](int col, int row) { SetTrianglesOfGroup(grid, rays, min_cosine, col, row); });
+  return mesh;
+}
+
+double MinPriorCosine(const PlanarPriorOptions& options) {
+  return std::cos(options.max_grazing_angle_deg * kRadPerDeg<double>);
 }
 
 }  // namespace acmp

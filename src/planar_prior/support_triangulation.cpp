@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <tuple>
+#include <set>
+#include <utility>
+#include <vector>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
@@ -29,52 +31,27 @@ void CheckExtent(const char* name, const std::vector<SupportPoint>& points, int 
   CheckRange(name, int64_t{(*high).*coordinate} - (*low).*coordinate, int64_t{0}, kMaxDifference);
 }
 
-/// An order in which the points are inserted fast: coarse grids before finer ones, so that no triangle is long when
-/// many are to come, and within each row by row to and fro, so that each point is near the one before. Takes 0.7 of the
-/// time of CGAL's own order, a space-filling curve.
-std::vector<size_t> CoarseToFine(const std::vector<SupportPoint>& points, int spacing) {
-  constexpr int kLevels = 6;
-  struct Place {
-    int level, row, along;
-    size_t index;
-    bool operator<(const Place& other) const {
-      return std::tie(level, row, along, index) < std::tie(other.level, other.row, other.along, other.index);
-    }
-  };
-  std::vector<Place> places;
-  places.reserve(points.size());
-  for (size_t i = 0; i < points.size(); ++i) {
-    const int col = points[i].col / spacing, row = points[i].row / spacing;
-    int halvings = 0;
-    while (halvings < kLevels && ((col | row) >> halvings) % 2 == 0) ++halvings;
-    const bool is_backward = (row >> halvings) % 2 != 0;
-    places.push_back({kLevels - halvings, row, is_backward ? -col : col, i});
+void CheckDistinct(const std::vector<SupportPoint>& points) {
+  std::set<std::pair<int, int>> pixels;
+  for (const SupportPoint& point : points) {
+    if (pixels.emplace(point.col, point.row).second) continue;
+    throw InvalidInputError(Concat("support point at pixel (", point.col, ", ", point.row,
+                                   ") is given more than once: pixels must be distinct"));
   }
-  std::sort(places.begin(), places.end());
-  std::vector<size_t> order;
-  order.reserve(points.size());
-  for (const Place& place : places) order.push_back(place.index);
-  return order;
 }
 
 }  // namespace
 
-std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportPoint>& points, int spacing) {
-  CheckRange("spacing of the support points", int64_t{spacing}, int64_t{1}, kMaxDifference);
+std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportPoint>& points) {
   CheckExtent("range of the support points' columns", points, &SupportPoint::col);
   CheckExtent("range of the support points' rows", points, &SupportPoint::row);
-  Delaunay delaunay;
-  Delaunay::Face_handle near;
-  size_t inserted = 0;
-  for (const size_t i : CoarseToFine(points, spacing)) {
-    const Delaunay::Vertex_handle vertex = delaunay.insert(Kernel::Point_2(points[i].col, points[i].row), near);
-    if (delaunay.number_of_vertices() != ++inserted) {
-      throw InvalidInputError(Concat("support point at pixel (", points[i].col, ", ", points[i].row,
-                                     ") is given more than once: pixels must be distinct"));
-    }
-    vertex->info() = static_cast<int>(i);
-    near = vertex->face();
+  CheckDistinct(points);
+  std::vector<std::pair<Kernel::Point_2, int>> numbered;
+  for (const SupportPoint& point : points) {
+    numbered.emplace_back(Kernel::Point_2(point.col, point.row), static_cast<int>(numbered.size()));
   }
+  Delaunay delaunay;
+  delaunay.insert(numbered.begin(), numbered.end());
 
   std::vector<SupportTriangle> triangles;
   triangles.reserve(delaunay.number_of_faces());

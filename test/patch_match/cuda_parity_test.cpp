@@ -158,6 +158,27 @@ TEST_F(CudaParityTest, PriorOnBlankWallsIsTheSameToItsWidth) {
   }
 }
 
+TEST_F(CudaParityTest, PriorOfTheGridIsTheSame) {
+  // As above, with holes over which coarser levels go on.
+  std::vector<PlanarView> views = RenderPlanarScene(kPlane, 60, 45, 5);
+  for (PlanarView& view : views) std::fill(view.gray.begin(), view.gray.end(), 120.0f);
+  SetScene(std::move(views), {2, 8});
+  TestRandom random(5);
+  EstimateState start = cpu_->RunPhotometric();
+  for (int row = 0; row < 45; ++row) {
+    for (int col = 0; col < 60; ++col) {
+      const bool in_hole = col > 20 && col < 45 && row > 10 && row < 30;
+      start.cost(col, row) = !in_hole && random(0, 1) < 0.05 ? static_cast<float>(random(0, 0.09)) : 1.0f;
+    }
+  }
+  const auto run = [&](const OnDevice& device) {
+    const EngineEstimatePtr from = device.engine->UploadState(start.Clone(), views_[0].camera);
+    return device.engine->DownloadState(device.engine->RunGridPrior(device.problem, {}, from, {}));
+  };
+  EXPECT_LE(Differing(run(*cpu_), run(*cuda_)), 0.01);
+  EXPECT_GT(Differing(run(*cpu_), cpu_->Run(Pass::kPlanarPrior, {}, start, {})), 0.1) << "without a prior";
+}
+
 TEST_F(CudaParityTest, InitialisationDrawsTheSamePlanes) {
   // Whatever cannot be matched keeps its first random plane: the streams and their use agree to rounding.
   std::vector<PlanarView> views = RandomViews(4, 61, 45, 7);

@@ -34,11 +34,11 @@ PriorMesh RandomPrior(const PinholeCamera& camera, uint32_t seed) {
 }
 
 struct AllPasses {
-  EstimateState photometric, planar_prior, geometric;
+  EstimateState photometric, planar_prior, grid_prior, geometric;
 
   bool operator==(const AllPasses& other) const {
     return SameBits(photometric, other.photometric) && SameBits(planar_prior, other.planar_prior) &&
-           SameBits(geometric, other.geometric);
+           SameBits(grid_prior, other.grid_prior) && SameBits(geometric, other.geometric);
   }
 };
 
@@ -46,8 +46,10 @@ AllPasses RunAll(DepthEngine* engine, const EngineProblem& problem, const PatchM
   const PriorMesh prior = RandomPrior(problem.reference.frame->camera, 77);
   const EngineEstimatePtr photometric = engine->RunPhotometric(problem, options, 0);
   const EngineEstimatePtr assisted = engine->RunPlanarPrior(problem, options, photometric, prior);
+  const EngineEstimatePtr by_grid = engine->RunGridPrior(problem, options, photometric, {});
   const EngineEstimatePtr geometric = engine->RunGeometric(problem, options, assisted, 0);
-  return {engine->DownloadState(photometric), engine->DownloadState(assisted), engine->DownloadState(geometric)};
+  return {engine->DownloadState(photometric), engine->DownloadState(assisted), engine->DownloadState(by_grid),
+          engine->DownloadState(geometric)};
 }
 
 class PassesTest : public EngineTest {
@@ -62,6 +64,7 @@ class PassesTest : public EngineTest {
     const PinholeCamera& camera = problem.reference.frame->camera;
     ExpectValid(all.photometric, camera, problem.depth_range, kMaxPhotometric);
     ExpectValid(all.planar_prior, camera, problem.depth_range, kMaxPhotometric);
+    ExpectValid(all.grid_prior, camera, problem.depth_range, kMaxPhotometric);
     ExpectValid(all.geometric, camera, problem.depth_range, kMaxGeometric);
     return all;
   }
@@ -167,6 +170,7 @@ TEST_P(PassesTest, AStartThatNobodyElseHoldsGivesItsMemory) {
   expect_in_place([&](EngineEstimatePtr start) { return engine_->RunGeometric(problem, {}, std::move(start), 0); });
   expect_in_place(
       [&](EngineEstimatePtr start) { return engine_->RunPlanarPrior(problem, {}, std::move(start), prior); });
+  expect_in_place([&](EngineEstimatePtr start) { return engine_->RunGridPrior(problem, {}, std::move(start), {}); });
 }
 
 /// ACMM's steps at the coarsest scale and from there to the next one.

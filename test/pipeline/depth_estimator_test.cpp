@@ -36,7 +36,11 @@ class SpyEngine final : public FakeEngine {
         return Result(request.camera(), {0, -0.6f, -0.8f, 3.2f});
       case Pass::kPlanarPrior:
         calls.emplace_back("planar prior");
-        last_prior = *request.prior;
+        last_prior = request.prior != nullptr ? *request.prior : PriorMesh();
+        if (request.grid_prior != nullptr) {
+          last_prior = MakeGridMesh(request.camera(), DownloadDepth(request.start), last_start.cost.View(),
+                                    request.problem.depth_range, *request.grid_prior);
+        }
         last_numbers = RasterizePrior(request.camera(), last_prior, request.problem.depth_range);
         return Result(request.camera(), {0, 0, -1, 5});
       default:

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "acmp_mapping/planar_prior/kernel/support_grid.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
 #include "support/error_text.h"
 
@@ -238,6 +239,151 @@ TEST(RasterizePrior, IsExactAtTheLargestCoordinates) {
   const Image<uint32_t> numbers = Rasterize(50, 50, points, {{{0, 1, 2}}, {{0, 2, 3}}});
   for (int row = 0; row < 50; ++row) {
     for (int col = 0; col < 50; ++col) ASSERT_EQ(numbers(col, row), col >= row ? 1u : 2u) << col << ", " << row;
+  }
+}
+
+// The grid's triangles, beside CGAL's.
+
+/// Costs that leave one credible pixel in most cells of 5 x 5 px: at any place in them, none with the chance `missing`,
+/// and none in the cells around a hole's middle.
+CostMap RandomSupport(double missing, unsigned seed, int hole_radius = 0) {
+  std::mt19937 generator(seed);
+  std::uniform_int_distribution<int> any(0, 4);
+  std::uniform_real_distribution<double> chance(0, 1);
+  CostMap cost(kCamera.width, kCamera.height, 1);
+  for (int row = 0; row < kCamera.height; row += 5) {
+    for (int col = 0; col < kCamera.width; col += 5) {
+      const int c = col + any(generator), r = row + any(generator);
+      const bool in_hole = std::abs(col - 60) < 5 * hole_radius && std::abs(row - 45) < 5 * hole_radius;
+      if (chance(generator) >= missing && !in_hole) cost(c, r) = static_cast<float>(0.09 * chance(generator));
+    }
+  }
+  return cost;
+}
+
+DepthMap DepthOfPlane(const Eigen::Vector4d& plane) {
+  DepthMap depth(kCamera.width, kCamera.height);
+  for (int row = 0; row < kCamera.height; ++row) {
+    for (int col = 0; col < kCamera.width; ++col) depth(col, row) = static_cast<float>(TrueDepth(plane, col, row));
+  }
+  return depth;
+}
+
+const Eigen::Vector4d kSlanted(0.48, -0.36, -0.8, 3.2);
+
+PriorMesh GridMesh(const DepthMap& depth, const CostMap& cost) {
+  return MakeGridMesh(kCamera, depth, cost, kRange, {});
+}
+
+TEST(GridMesh, GivesThePlaneOnWhichAllPointsLie) {
+  const DepthMap depth = DepthOfPlane(kSlanted);
+  for (const double missing : {0.0, 0.3, 0.8}) {
+    const PriorMesh mesh = GridMesh(depth, RandomSupport(missing, 5));
+    int with_plane = 0;
+    for (const PlaneHypothesis& plane : mesh.planes) {
+      if (!(plane.d > 0)) continue;
+      ++with_plane;
+      // Depths of up to 8 are rounded to 2.4e-7 or 4.8e-7, and the thinnest triangles are 1 px high, some 0.02.
+      EXPECT_NEAR(plane.nx, kSlanted[0], 1e-4);
+      EXPECT_NEAR(plane.ny, kSlanted[1], 1e-4);
+      EXPECT_NEAR(plane.nz, kSlanted[2], 1e-4);
+      EXPECT_NEAR(plane.d, kSlanted[3], 4e-4);
+    }
+    EXPECT_GT(with_plane, 100);
+  }
+}
+
+TEST(GridMesh, CoversWhatTheDelaunayTriangulationCovers) {
+  // All but what lies within a cell or two of its hull, on which triangles may span any distance. Holes are closed.
+  const DepthMap depth = DepthOfPlane(kSlanted);
+  for (const int hole_radius : {0, 2, 6}) {
+    for (const double missing : {0.0, 0.2, 0.5}) {
+      const CostMap cost = RandomSupport(missing, 6, hole_radius);
+      const Image<uint32_t> grid = RasterizePrior(kCamera, GridMesh(depth, cost), kRange);
+      const Image<uint32_t> delaunay = MakePlanarPrior(Find(depth, cost), kRange, {});
+      int covered = 0, missed = 0;
+      const int rim = missing > 0.3 ? 20 : 10;
+      for (int row = rim; row < kCamera.height - rim; ++row) {
+        for (int col = rim; col < kCamera.width - rim; ++col) {
+          covered += delaunay(col, row) > 0;
+          missed += delaunay(col, row) > 0 && grid(col, row) == 0;
+        }
+      }
+      EXPECT_GT(covered, 3000);
+      EXPECT_EQ(missed, 0) << hole_radius << ", " << missing;
+    }
+  }
+}
+
+TEST(GridMesh, HasOneTrianglePerPixelWhereEachCellHasAPoint) {
+  const DepthMap depth(kCamera.width, kCamera.height, 2);
+  for (unsigned seed = 0; seed < 5; ++seed) {
+    const CostMap cost = RandomSupport(0, seed);
+    const PriorMesh mesh = GridMesh(depth, cost);
+    for (int row = 5; row < kCamera.height - 5; ++row) {
+      for (int col = 5; col < kCamera.width - 5; ++col) {
+        int covering = 0;
+        for (const TriangleCorners& corners : mesh.triangles) {
+          const ColumnSpan span = SpanOfRow(MakeRasterTriangle(corners), row, kCamera.width);
+          const auto [low, high] = std::minmax({corners.row[0], corners.row[1], corners.row[2]});
+          covering += row >= low && row <= high && col >= span.first && col <= span.last;
+        }
+        ASSERT_EQ(covering, 1) << col << ", " << row;
+      }
+    }
+  }
+}
+
+/// Squared distance of a support point's pixel from the middle of a cell, in quarters of a pixel.
+int64_t SquaredDistance(const SupportPoint& point, int col, int row) {
+  const int64_t dx = 2 * point.col - (2 * col + 1) * 5, dy = 2 * point.row - (2 * row + 1) * 5;
+  return dx * dx + dy * dy;
+}
+
+TEST(SupportGrid, FloodingGivesEmptyCellsAPointThatIsHardlyFartherThanTheNearest) {
+  const DepthMap depth(kCamera.width, kCamera.height, 2);
+  const int cols = kCamera.width / 5, rows = kCamera.height / 5;
+  for (const double missing : {0.5, 0.9, 0.99}) {
+    const CostMap cost = RandomSupport(missing, 8);
+    Image<SupportPoint> points(cols, rows), flooded(cols, rows);
+    for (int row = 0; row < rows; ++row) {
+      for (int col = 0; col < cols; ++col) {
+        points(col, row) = FindSupportPointOfCell(depth.View(), cost.View(), 1, 3, 0.1f, 5, col, row);
+      }
+    }
+    const Image<SupportPoint> own = points.Clone();
+    for (int step = FirstFloodingStep(cols, rows); step > 0; step /= 2) {
+      for (int row = 0; row < rows; ++row) {
+        for (int col = 0; col < cols; ++col) flooded(col, row) = FloodCell(points.View(), 5, step, col, row);
+      }
+      std::swap(points, flooded);
+    }
+    int farther = 0;
+    for (int row = 0; row < rows; ++row) {
+      for (int col = 0; col < cols; ++col) {
+        const SupportPoint& found = points(col, row);
+        ASSERT_GT(found.depth, 0);
+        if (own(col, row).depth > 0) {
+          ASSERT_EQ(found.col, own(col, row).col);
+          continue;
+        }
+        int64_t nearest = std::numeric_limits<int64_t>::max();
+        for (const SupportPoint& point : own) {
+          if (point.depth > 0) nearest = std::min(nearest, SquaredDistance(point, col, row));
+        }
+        farther += SquaredDistance(found, col, row) > nearest;
+      }
+    }
+    EXPECT_LE(farther, cols * rows / 50) << missing;  // jump flooding errs now and then
+  }
+}
+
+TEST(GridMesh, OfNoPointsOrOneHasNoPlane) {
+  const DepthMap depth(kCamera.width, kCamera.height, 2);
+  CostMap cost(kCamera.width, kCamera.height, 1);
+  for (int points = 0; points < 3; ++points) {
+    for (const PlaneHypothesis& plane : GridMesh(depth, cost).planes) ASSERT_EQ(plane.d, 0) << points;
+    cost(17 + 20 * points, 30) = 0.05f;
   }
 }
 

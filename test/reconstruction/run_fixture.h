@@ -52,12 +52,6 @@ class FakeMatcherEngine : public FakeEngine {
       const EstimateState start = DownloadState(request.start);
       hash += HashOf(start.planes.View()) + HashOf(start.cost.View());
     }
-    if (request.prior != nullptr) {
-      const std::vector<PlaneHypothesis>& planes = request.prior->planes;
-      const int count = static_cast<int>(planes.size());
-      hash += HashOf(RasterizePrior(request.camera(), *request.prior, request.problem.depth_range).View()) +
-              HashOf(ImageView<const PlaneHypothesis>{planes.data(), count, 1, count});
-    }
     for (const EngineView& source : request.problem.sources) {
       call.source_hashes.push_back(HashOf(SourceDepth(request, source).View()));
       hash = HashWord(hash + HashOf(source.frame->gray.View()) + call.source_hashes.back());

@@ -17,8 +17,9 @@ struct PassRequest {
   const PatchMatchOptions& options;
   int level;
   EngineEstimatePtr start;           ///< null in the photometric pass
-  const PriorMesh* prior = nullptr;  ///< of the planar-prior pass
   int geometric_pass = -1;           ///< which one
+  const PriorMesh* prior = nullptr;  ///< of the planar-prior pass, as in EnginePass
+  const PlanarPriorOptions* grid_prior = nullptr;
 
   int64_t reference() const { return problem.reference.frame->id; }
   PinholeCamera camera() const { return CameraAtLevel(problem.reference.frame->camera, level); }
@@ -42,8 +43,8 @@ class FakeEngine : public HostDepthEngine {
       const DepthMap depth = DownloadDepth(pass.start);
       pass.level = LevelOf(problem, depth.width(), depth.height());
     }
-    return Run({pass.kind, problem, options, pass.level, std::move(pass.start), pass.prior,
-                is_geometric ? pass.geometric_pass : -1});
+    return Run({pass.kind, problem, options, pass.level, std::move(pass.start), is_geometric ? pass.geometric_pass : -1,
+                pass.prior, pass.grid_prior});
   }
   EngineEstimatePtr RemoveUnsupported(const EngineProblem&, EngineEstimatePtr start) override {
     fake_ms_ += kPassMs;

@@ -80,8 +80,11 @@ struct EnginePass {
   Pass kind = Pass::kPhotometric;
   int level = 0;                      ///< of a photometric pass; geometric ones run at their start's, others at 0
   EngineEstimatePtr start = nullptr;  ///< that it goes on from, but for a photometric one
-  const PriorMesh* prior = nullptr;   ///< of a planar-prior pass
   int geometric_pass = 0;             ///< which one of them: selects the random numbers
+
+  // Of a planar-prior pass; with neither of them no pixel has a prior.
+  const PriorMesh* prior = nullptr;
+  const PlanarPriorOptions* grid_prior = nullptr;  ///< MakeGridMesh of the start
 };
 
 /// Which pixels of which frames have gone into points (see FuseView), on the devices of the engines that use it.
@@ -129,14 +132,20 @@ class DepthEngine {
   /// Steps 12-20 from an estimate at full size, whose memory they take if nobody else holds it.
   EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
                                    EngineEstimatePtr start, const PriorMesh& prior) {
-    return RunPass(problem, options, {Pass::kPlanarPrior, 0, std::move(start), &prior});
+    return RunPass(problem, options, {Pass::kPlanarPrior, 0, std::move(start), 0, &prior});
+  }
+
+  /// Steps 10-20, taken as in RunPlanarPrior, with our prior of the estimate's support points (MakeGridMesh).
+  EngineEstimatePtr RunGridPrior(const EngineProblem& problem, const PatchMatchOptions& options,
+                                 EngineEstimatePtr start, const PlanarPriorOptions& prior) {
+    return RunPass(problem, options, {Pass::kPlanarPrior, 0, std::move(start), 0, nullptr, &prior});
   }
 
   /// Steps 22-30, once, from an estimate at any level, taken as in RunPlanarPrior, on the images of that level. The
   /// sources' estimates, of the same level, are read as they are; `pass` (0, 1, ...) selects the random numbers.
   EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                  EngineEstimatePtr start, int pass) {
-    return RunPass(problem, options, {Pass::kGeometric, 0, std::move(start), nullptr, pass});
+    return RunPass(problem, options, {Pass::kGeometric, 0, std::move(start), pass});
   }
 
   /// Any of these.

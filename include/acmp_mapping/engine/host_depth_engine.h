@@ -43,13 +43,19 @@ class HostDepthEngine : public DepthEngine {
     const int level = is_geometric ? LevelOfEstimate(problem, pass.start) : pass.level;
     const PatchMatchProblem match = MakeProblem(problem, level, is_geometric);
     const PinholeCamera& camera = match.reference.camera;
-    Image<uint32_t> numbers;
-    PriorMap prior;
-    if (pass.kind == Pass::kPlanarPrior) {
-      numbers = RasterizePrior(camera, *pass.prior, match.depth_range);
-      prior = {pass.prior->planes.data(), numbers.View()};
-    }
     return Keep(camera, [&] {
+      Image<uint32_t> numbers;
+      PriorMesh of_grid;
+      PriorMap prior;
+      if (pass.kind == Pass::kPlanarPrior) {
+        if (pass.grid_prior != nullptr) {
+          const HostEstimate& from = Cast<HostEstimate>(pass.start);
+          of_grid = MakeGridMesh(camera, from.depth.View(), from.cost.View(), match.depth_range, *pass.grid_prior);
+        }
+        const PriorMesh& mesh = pass.prior != nullptr ? *pass.prior : of_grid;
+        numbers = RasterizePrior(camera, mesh, match.depth_range);
+        prior = {mesh.planes.data(), numbers.View()};
+      }
       EstimateState start;
       if (pass.kind != Pass::kPhotometric) start = MakeStart(pass.start);
       return acmp::RunPass(match, options, pass.kind, std::move(start), prior, pass.geometric_pass);

@@ -29,8 +29,7 @@ struct SupportTriangle {
 /// Delaunay triangulation of the support points' pixels (CGAL, exact predicates). Fewer than three points or all on a
 /// line: empty. Duplicate pixels and columns or rows more than 32767 apart are an InvalidInputError. The set of
 /// triangles does not depend on the points' order: CGAL decides between cocircular points by their coordinates.
-/// @param spacing about how far points lie apart, px, at least 1: only the time depends on it
-std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportPoint>& points, int spacing = 5);
+std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportPoint>& points);
 
 /// Triangles of support points, and the plane of each.
 struct PriorMesh {
@@ -50,5 +49,14 @@ PriorMesh MakePriorMesh(const PinholeCamera& camera, const std::vector<SupportPo
 /// borders belong to it, right and bottom ones do not). Either winding; vertices may lie outside the image. Throws
 /// InvalidInputError unless each triangle has a plane or the zero plane.
 Image<uint32_t> RasterizePrior(const PinholeCamera& camera, const PriorMesh& mesh, const DepthRange& range);
+
+/// Our triangles: those that the grid of the support points' cells makes (SupportGrid). Where they overlap, the last
+/// one is a pixel's.
+/// @param depth,cost of the camera's size
+PriorMesh MakeGridMesh(const PinholeCamera& camera, ImageView<const float> depth, ImageView<const float> cost,
+                       const DepthRange& range, const PlanarPriorOptions& options);
+
+/// Cosine of max_grazing_angle_deg.
+double MinPriorCosine(const PlanarPriorOptions& options);
 
 }  // namespace acmp
