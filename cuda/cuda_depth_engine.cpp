@@ -27,16 +27,12 @@ class CudaDepthEngine final : public CudaPasses {
       if (setup.sources().empty()) return start;
       reference.estimate.reset();  // for Continue; the setup's look at its maps is queued before they are filled
       const PinholeCamera& camera = problem.reference.frame->camera;
-      DeviceMap<PlaneHypothesis> planes;  // of the filter; afterwards those of before
       ImageView<const Rgb> color;
-      if (options.weighted_median) {
-        planes = DeviceMap<PlaneHypothesis>(device_, camera.width, camera.height);
-        color = ColorOf(problem.reference);
-      }
+      if (options.weighted_median) color = ColorOf(problem.reference);
       const std::shared_ptr<CudaEstimate> estimate = Continue(start);
       StartClock();
       QueueFill(setup, context, estimate.get());
-      if (options.weighted_median) QueueMedian(setup, context, color, estimate.get(), &planes);
+      if (options.weighted_median) QueueMedian(setup, context, color, estimate.get());
       QueueDepths(camera, estimate.get());
       FinishHalved(*estimate);
       return EngineEstimatePtr(estimate);
@@ -93,18 +89,23 @@ class CudaDepthEngine final : public CudaPasses {
   }
   /// Queues the weighted median of what QueueFill left.
   /// @param setup,context as they were given to it
-  /// @param planes of the estimate's size; become those of before, which the stream still reads
   void QueueMedian(const FusionSetup& setup, const FillContext& context, const ImageView<const Rgb>& color,
-                   CudaEstimate* estimate, DeviceMap<PlaneHypothesis>* planes) {
+                   CudaEstimate* estimate) {
+    // The estimate gets this memory in place of its own: it must not be larger.
+    if (filtered_.pixels.size() != estimate->Pixels()) {
+      filtered_ = {};
+      filtered_ = DeviceMap<PlaneHypothesis>(device_, estimate->width, estimate->height);
+    }
+    filtered_.Reserve(device_, estimate->width, estimate->height);
     LaunchToDepth(estimate->planes.View(), context.rays, estimate->depth.View(), stream_.get());
     FusionContext views = setup.Context(sources_.data());
     views.reference = {estimate->depth.View(), estimate->planes.View(), estimate->cost.View(), color};
     const ImageView<ViewSupport> support = support_.View();
     LaunchWeightedMedian(views, support,
                          {context.rays, context.depth_min, context.depth_max, estimate->planes.View(),
-                          estimate->depth.View(), support, color, planes->View(), estimate->cost.View()},
+                          estimate->depth.View(), support, color, filtered_.View(), estimate->cost.View()},
                          stream_.get());
-    std::swap(*planes, estimate->planes);
+    std::swap(filtered_, estimate->planes);  // the stream still reads those of before
   }
 
   /// Throws InvalidInputError without an estimate of this GPU.
@@ -149,6 +150,7 @@ class CudaDepthEngine final : public CudaPasses {
   DeviceArray<FusionSource> sources_;
   DeviceMap<ViewSupport> support_;
   DeviceMap<SeedCell> seeds_;
+  DeviceMap<PlaneHypothesis> filtered_;  ///< by the weighted median; between its calls, planes of before the last one
   DeviceMap<float> confidence_;
   DeviceArray<float> log_odds_;
 };

@@ -8,6 +8,7 @@
 #include <shared_mutex>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "cuda_handles.h"
 #include "kernels.h"
@@ -59,16 +60,22 @@ class CudaTransfers : public DepthEngine {
   EstimateMaps Download(const EngineEstimatePtr& estimate) override {
     const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
     return OnDevice([&] {
-      EstimateMaps result = {Fetch(maps.depth), NormalMap(maps.width, maps.height), Fetch(maps.cost)};
-      download_.Run(maps.planes.pixels, maps.Pixels(), stream_,
-                    [&](size_t begin, const PlaneHypothesis* planes, size_t size) {
-                      Vec3f* normals = result.normal.data() + begin;
-                      tbb::parallel_for(tbb::blocked_range<size_t>(0, size, 1 << 15),
-                                        [&](const tbb::blocked_range<size_t>& range) {
-                                          for (size_t i = range.begin(); i < range.end(); ++i)
-                                            normals[i] = planes[i].normal();
-                                        });
-                    });
+      EstimateMaps result;
+      std::vector<StagedDownload::Block> blocks;
+      AddFetch(maps.depth, &result.depth, &blocks);
+      StagedDownload::AddBlocks(
+          maps.planes.pixels, maps.Pixels(),
+          [&](size_t begin, const PlaneHypothesis* planes, size_t size) {
+            if (begin == 0) result.normal = NormalMap(maps.width, maps.height);
+            Vec3f* normals = result.normal.data() + begin;
+            tbb::parallel_for(tbb::blocked_range<size_t>(0, size, 1 << 15),
+                              [&](const tbb::blocked_range<size_t>& range) {
+                                for (size_t i = range.begin(); i < range.end(); ++i) normals[i] = planes[i].normal();
+                              });
+          },
+          &blocks);
+      AddFetch(maps.cost, &result.cost, &blocks);
+      download_.Run(blocks, stream_);
       return result;
     });
   }
@@ -148,11 +155,26 @@ class CudaTransfers : public DepthEngine {
     counted_ms_ += CudaEvent::ElapsedMs(begin_, end_);
   }
 
+  /// Adds the copy of a map to host memory.
+  /// @param fetched allocated with the first block, while the next one is copied
+  template <class T>
+  static void AddFetch(const DeviceMap<T>& map, Image<T>* fetched, std::vector<StagedDownload::Block>* blocks) {
+    const int width = map.width, height = map.height;
+    StagedDownload::AddBlocks(
+        map.pixels, static_cast<size_t>(width) * height,
+        [=](size_t begin, const T* block, size_t size) {
+          if (begin == 0) *fetched = Image<T>(width, height);
+          ParallelCopy(block, size, fetched->data() + begin);
+        },
+        blocks);
+  }
   /// The map in host memory.
   template <class T>
   Image<T> Fetch(const DeviceMap<T>& map) {
-    Image<T> fetched(map.width, map.height);
-    download_.Run(map.pixels, fetched.size(), stream_, fetched.data());
+    Image<T> fetched;
+    std::vector<StagedDownload::Block> blocks;
+    AddFetch(map, &fetched, &blocks);
+    download_.Run(blocks, stream_);
     return fetched;
   }
   /// The map on the device; waits for the copy.

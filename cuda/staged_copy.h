@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <functional>
+#include <vector>
 
 #include "cuda_device.h"
 #include "kernels.h"
@@ -24,31 +26,40 @@ void ParallelCopy(const T* from, size_t count, T* to) {
 /// large maps need neither much page-locked memory nor the time to allocate it.
 class StagedDownload {
  public:
-  /// consume(begin, block, size) for all blocks of the first `count` elements, in order.
+  /// What is copied at a time, and what reads it in page-locked memory.
+  struct Block {
+    const void* from;
+    size_t bytes;
+    std::function<void(const void* staged)> consume;
+  };
+
+  /// Adds all blocks of the first `count` elements: consume(begin, block, size).
   template <class T, class Consume>
-  void Run(const DeviceArray<T>& from, size_t count, const CudaStream& stream, const Consume& consume) {
-    const size_t block = kBlockBytes / sizeof(T);
-    const size_t blocks = (count + block - 1) / block;
-    T* staged = staging_.Reserve<T>(2 * block);
-    for (size_t k = 0; k <= blocks; ++k) {
-      if (k < blocks) {
-        const size_t size = std::min(block, count - k * block);
-        CudaCheck(cudaMemcpyAsync(staged + k % 2 * block, from.data() + k * block, size * sizeof(T),
-                                  cudaMemcpyDeviceToHost, stream.get()),
+  static void AddBlocks(const DeviceArray<T>& from, size_t count, const Consume& consume, std::vector<Block>* blocks) {
+    constexpr size_t kMost = kBlockBytes / sizeof(T);
+    for (size_t begin = 0; begin < count; begin += kMost) {
+      const size_t size = std::min(kMost, count - begin);
+      blocks->push_back({from.data() + begin, size * sizeof(T), [consume, begin, size](const void* staged) {
+                           consume(begin, static_cast<const T*>(staged), size);
+                         }});
+    }
+  }
+
+  /// One block after the other.
+  void Run(const std::vector<Block>& blocks, const CudaStream& stream) {
+    char* staged = staging_.Reserve<char>(2 * kBlockBytes);
+    for (size_t k = 0; k <= blocks.size(); ++k) {
+      if (k < blocks.size()) {
+        CudaCheck(cudaMemcpyAsync(staged + k % 2 * kBlockBytes, blocks[k].from, blocks[k].bytes, cudaMemcpyDeviceToHost,
+                                  stream.get()),
                   "download");
         filled_[k % 2].Record(stream);
       }
       if (k > 0) {
         filled_[(k - 1) % 2].Wait();
-        const size_t begin = (k - 1) * block;
-        consume(begin, staged + (k - 1) % 2 * block, std::min(block, count - begin));
+        blocks[k - 1].consume(staged + (k - 1) % 2 * kBlockBytes);
       }
     }
-  }
-
-  template <class T>
-  void Run(const DeviceArray<T>& from, size_t count, const CudaStream& stream, T* to) {
-    Run(from, count, stream, [&](size_t begin, const T* block, size_t size) { ParallelCopy(block, size, to + begin); });
   }
 
  private:
@@ -65,7 +76,7 @@ class PointDownload {
   /// part. The host takes those of the part before meanwhile.
   template <class Launch>
   PointCloud Run(const CudaDevicePtr& device, size_t pixels, const CudaStream& stream, const Launch& launch) {
-    constexpr size_t kLeastPart = 1 << 15, kMostParts = 16;
+    constexpr size_t kLeastPart = 1 << 17, kMostParts = 16;  // fewer pixels leave a large GPU half empty
     const size_t part = std::max(kLeastPart, (pixels + kMostParts - 1) / kMostParts);
     const size_t parts = (pixels + part - 1) / part;
     of_pixels_.Reserve(device, part);

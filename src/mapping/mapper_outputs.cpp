@@ -10,7 +10,13 @@ namespace acmp {
 namespace {
 
 void Scale(float scale, DepthMap* depths) {
+  if (scale == 1) return;
   for (float& depth : *depths) depth *= scale;
+}
+
+void Scale(float scale, PointCloud* points) {
+  if (scale == 1) return;
+  for (SurfacePoint& point : *points) point.position = scale * point.position;
 }
 
 std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const KeyframeSteps& steps) {
@@ -135,10 +141,7 @@ KeyframeDepthPtr MapperOutputs::MakeRefined(const KeyframeSteps& steps, const Fu
   ConsistencyResult result = engine_->FilterByConsistency(steps.problem.reference, steps.problem.sources, consistency);
   maps->confidence = std::move(result.confidence);
   maps->points_in_camera = std::move(result.points_in_camera);
-  for (SurfacePoint& point : maps->points_in_camera) {
-    const float scale = steps.placed.scale;
-    point.position = {scale * point.position.x, scale * point.position.y, scale * point.position.z};
-  }
+  Scale(steps.placed.scale, &maps->points_in_camera);
   maps->consistency_ms = timer.Lap();
   if (maps->points_in_camera.empty()) {
     maps->no_points_reason = Describe(FindPointLosses(steps.problem, consistency, engine_), consistency);
