@@ -128,6 +128,13 @@ std::vector<std::optional<double>> KnownDepths(const FeatureImage& image,
   return depths;
 }
 
+bool IsSamePlace(const RigidTransform& a, const RigidTransform& b) {
+  constexpr double kSame = 0.01;  // of the baseline, and rad
+  const RigidTransform moved = a * b.inverse();
+  return moved.translation().norm() <= kSame * b.translation().norm() &&
+         Eigen::AngleAxisd(moved.linear()).angle() <= kSame;
+}
+
 std::string DescribeLength(double length) {
   constexpr double kSame = 1.18;  // within 15 % it is what calibrations are off by
   if (length < kSame && length > 1 / kSame) return "";
@@ -213,16 +220,18 @@ RigMatches RigCheck::Match() const {
   RigMatches all;
   std::optional<FeatureImage> before;
   for (const Pair& pair : pairs_) {
+    const RigidTransform source_from_cam = pair.other.cam_from_world * pair.image.cam_from_world.inverse();
+    if (!before) all.source_from_cam = source_from_cam;
     FeatureImage image = FindFeatures(pair.image);
     const FeatureImage other = FindFeatures(pair.other);
     const std::vector<std::optional<double>> depths = KnownDepths(image, pair.landmarks_in_world, before);
+    if (!IsSamePlace(source_from_cam, all.source_from_cam)) break;  // on a joint: those before it moved tell
     for (const PixelMatch& match : MatchFeatures(image, other)) {
       all.rays.emplace_back(image.camera.Unproject(image.pixels[match.one], 1));
       all.other_rays.emplace_back(other.camera.Unproject(other.pixels[match.other], 1));
       all.depths.push_back(depths[match.one]);
     }
     all.focal_length = other.camera.fx;
-    all.source_from_cam = other.cam_from_world * image.cam_from_world.inverse();
     before = std::move(image);
   }
   return all;

@@ -96,6 +96,15 @@ TEST_F(RigCheckTest, AnotherUnitIsNamedWithItsFactor) {
   EXPECT_THAT(Said(moving_, millimetres), AllOf(HasSubstr("millimetres"), Not(HasSubstr("monocular"))));
 }
 
+TEST_F(RigCheckTest, ACameraOnAJointIsJudgedWhereItWas) {
+  int call = 0;
+  const auto turns =
+      [&](const RigidTransform& truth) {  // its images stay as they are: what it says of later ones is wrong
+        return ++call <= 3 ? truth : RigidTransform(Eigen::AngleAxisd(0.1 * call, Eigen::Vector3d::UnitY())) * truth;
+      };
+  EXPECT_EQ(Said(moving_, turns), "");
+}
+
 TEST_F(RigCheckTest, ImagesOfAnotherTimeAreTold) {
   std::vector<SyntheticView> views = Views(false);
   // Each with the other camera's image of the far end of the path.
