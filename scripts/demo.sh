@@ -17,7 +17,8 @@ if $show; then scripts/install_dependencies.sh --display; else scripts/install_d
 
 step "build"
 configure
-programs=(acmp_mapping_nodelets acmp_mapping_generate_messages_py acmp_make_bag acmp_check_bag acmp_evaluate acmp_reconstruct)
+programs=(acmp_mapping_nodelets dense_mapper_node map_server_node acmp_mapping_generate_messages_py acmp_make_bag acmp_check_bag
+          acmp_evaluate acmp_reconstruct)
 if ! cmake --build "$build" --parallel "$(nproc)" --target "${programs[@]}"; then
   echo "the build failed; once more with warnings that are no errors, as this compiler may have others than tested ones" >&2
   configure -DACMP_WARNINGS_AS_ERRORS=OFF
