@@ -82,7 +82,7 @@ std::string DescribePoseDoubt(const Scene& scene, const std::vector<int>& indice
   if (fits) return "";
   const auto percent = [](double share) { return std::lround(100 * share); };
   const std::string share =
-      Concat("the poses do not fit the images: ", percent(verdict.share ? *verdict.share : *of_few),
+      Concat("the poses do not fit the images: ", percent(verdict.share ? *verdict.share : of_few.value_or(0)),
              " % of the matches between neighbouring images lie where they should (of good poses 70 to 95 %); ");
   if (of_few) {
     return share +
