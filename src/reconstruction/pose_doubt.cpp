@@ -34,14 +34,14 @@ std::string DescribeReading(const PoseReading& reading) {
   return Concat(text, "turned by about [", rounded.row(0), "; ", rounded.row(1), "; ", rounded.row(2), "]");
 }
 
-/// Of matches between each image and the next, those that lie where they should; none of too few.
-std::optional<double> ShareOfNeighbours(const std::vector<FramePtr>& frames) {
+/// Of matches between each image and the next, those that lie where they should; 1 of too few.
+double ShareOfNeighbours(const std::vector<FramePtr>& frames) {
   constexpr size_t kFewestMatches = 200, kFewestOfPair = 30;
   size_t near = 0, all = 0;
   std::optional<FeatureImage> before;
   for (const FramePtr& frame : frames) {
     const SmallImage small = MakeSmallImage(*frame);
-    if (small.gray.empty()) return std::nullopt;
+    if (small.gray.empty()) return 1;
     FeatureImage image = FindFeatures(small);
     if (before) {
       const RigidTransform image_from_before = image.cam_from_world * before->cam_from_world.inverse();
@@ -57,8 +57,7 @@ std::optional<double> ShareOfNeighbours(const std::vector<FramePtr>& frames) {
     }
     before = std::move(image);
   }
-  if (all < kFewestMatches) return std::nullopt;
-  return static_cast<double>(near) / static_cast<double>(all);
+  return all < kFewestMatches ? 1 : static_cast<double>(near) / static_cast<double>(all);
 }
 
 }  // namespace
@@ -76,15 +75,14 @@ std::string DescribePoseDoubt(const Scene& scene, const std::vector<int>& indice
   const ReadingVerdict verdict =
       check.Judge({PoseSemantics::Direction::kWorldFromCam, PoseSemantics::Child::kCameraOptical, OpenGlFromCamera()});
   constexpr double kSurelyWrong = 0.3;  // of few matches
-  const std::optional<double> of_few = verdict.share ? std::nullopt : ShareOfNeighbours(neighbours);
-  const bool fits =
-      verdict.share ? *verdict.share >= ReadingVerdict::kFittingShare : of_few.value_or(1) >= kSurelyWrong;
-  if (fits) return "";
+  const bool is_of_few = !verdict.share.has_value();
+  const double found = is_of_few ? ShareOfNeighbours(neighbours) : *verdict.share;
+  if (found >= (is_of_few ? kSurelyWrong : ReadingVerdict::kFittingShare)) return "";
   const auto percent = [](double share) { return std::lround(100 * share); };
   const std::string share =
-      Concat("the poses do not fit the images: ", percent(verdict.share ? *verdict.share : of_few.value_or(0)),
+      Concat("the poses do not fit the images: ", percent(found),
              " % of the matches between neighbouring images lie where they should (of good poses 70 to 95 %); ");
-  if (of_few) {
+  if (is_of_few) {
     return share +
            "they are inverted, of other axes than x right, y down, z forward, or those of other images, or the "
            "calibration is wrong";
