@@ -267,6 +267,10 @@ bool AreBent(const ModelComparison& comparison, double nearer) {
          comparison.to_camera > kLeastBend * comparison.bundles;
 }
 
+bool AreBentByWindows(const RefinementState& state) {
+  return AreBent(state.comparison, state.bent ? kNearerOfAll : kNearerOfWindows);
+}
+
 std::optional<Bundle> CompareModels(const Bundle& bundle, BundleWeights weights, ModelComparison* comparison) {
   constexpr double kNone = 1e-9;
   ForgetExpectedPoses(TypicalDepth(bundle), &weights);

@@ -46,8 +46,12 @@ struct RefinementState {
   CameraErrors camera;
   BundleWeights weights;
   ModelComparison comparison;
-  bool bent = false;  ///< received poses: they do not hold refined ones
+  bool bent = false;  ///< received poses: they do not hold refined ones; as AreBentByWindows has told
 };
+
+/// Whether received poses are bent by what windows have told. What was found so stays until they tell clearly that it
+/// is not so: two windows may be wrong that later ones outweigh.
+bool AreBentByWindows(const RefinementState& state);
 
 /// Refines bundle.poses: adjusts the bundle and estimates how far received poses are off, which weighs them
 /// (`rounds` times), so that bundle.poses are those of the middle rows of undistorted images. Returns false where the

@@ -2,8 +2,10 @@
 
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_invoke.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <chrono>
 #include <future>
 #include <utility>
 
@@ -21,12 +23,6 @@ constexpr size_t kMinKeyframes = 3;
 constexpr size_t kMinResected = 10;  // landmarks from which the newest keyframe's pose follows
 constexpr int kLostAfter = 3;        // keyframes in which a landmark was not found: given up
 
-/// A known landmark in the newest keyframe.
-struct Tracked {
-  Eigen::Vector2d pixel;
-  double inverse_depth = 0;  ///< there
-};
-
 constexpr size_t kMinFixed = kMinForSimilarity;
 
 /// Older keyframes stay where they are: maps were made with their poses, and what follows must connect to them.
@@ -38,7 +34,13 @@ size_t NumFixed(size_t keyframes) {
 }  // namespace
 
 struct PoseRefiner::Impl {
-  explicit Impl(const PoseRefinementOptions& o) : options(o) {}
+  /// A known landmark in the newest keyframe.
+  struct Tracked {
+    Eigen::Vector2d pixel;
+    double inverse_depth = 0;  ///< there
+  };
+
+  Impl(const PoseRefinementOptions& o, bool is_live) : options(o), live(is_live) {}
 
   /// The pose of the newest keyframe: the received motion from the last one, on top of its refined pose.
   ViewPose Predicted(const ViewPose& received) const {
@@ -147,15 +149,15 @@ struct PoseRefiner::Impl {
   }
 
   /// Compares models often until they tell, then once in a while. That costs as much as several keyframes: so it is
-  /// done beside them, and taken in always as many later. Where received poses turn out to be bent, refined ones begin
-  /// anew.
+  /// done beside them, and taken in always as many later, or, live, when it is ready. Where received poses turn out to
+  /// be bent, or not to be so after all, refined ones begin anew.
   void CompareIfDue() {
     constexpr int kOften = 5, kSeldom = 30;
     constexpr size_t kMinCompared = 25;  // keyframes: over fewer a pinhole hardly bends anything
-    const bool is_sure = IsSure(state.comparison);
-    if (compared.valid() && state.bundles >= compared_at + (is_sure ? kOften : 1)) {
+    if (compared.valid() && IsComparisonDue(IsSure(state.comparison) ? kOften : 1)) {
       state.comparison = compared.get();
-      if (!state.bent && AreBent(state.comparison, kNearerOfWindows)) BeginAnew();
+      const bool bent = AreBentByWindows(state);
+      if (bent != state.bent) BeginAnew(bent);
     }
     if (compared.valid() || bundle.size() < kMinCompared) return;
     if (state.bundles % (IsSure(state.comparison) ? kSeldom : kOften) != 0) return;
@@ -167,13 +169,98 @@ struct PoseRefiner::Impl {
     });
   }
 
-  void BeginAnew() {
+  bool IsComparisonDue(int bundles_later) const {
+    if (live) return compared.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+    return state.bundles >= compared_at + bundles_later;
+  }
+
+  void BeginAnew(bool bent) {
     constexpr int kIterations = 25;
-    state.bent = true;
+    state.bent = bent;
     Bundle free = bundle;
     if (!RefineBundle(1, kIterations, 0, &free, &state)) return;
     bundle = std::move(free);
     refined = ResectViews(bundle, state.camera);
+    ++world;
+  }
+
+  /// PoseRefiner::Add.
+  bool Add(const Frame& frame, const DepthRange& range) {
+    const std::string name = Concat("keyframe ", frame.id);
+    CheckCamera(name, frame.camera);
+    CheckPose(name.c_str(), frame.cam_from_world);
+    CheckDepthRange(name.c_str(), range);
+    stamped = frame.stamp_s > 0;
+    const double time = stamped ? frame.stamp_s : static_cast<double>(frame.id);
+    if (bundle.size() > 0 && frame.id <= bundle.ids.back()) {
+      throw InvalidInputError(Concat(name, ": must come after ", bundle.ids.back()));
+    }
+    if (bundle.size() > 0 && stamped && time <= bundle.times.back()) {
+      throw InvalidInputError(Concat(name, ": its stamp must be after that of keyframe ", bundle.ids.back()));
+    }
+    View view = MakeView(name, frame.camera, frame.gray, frame.mask);
+    if (bundle.size() == 0) bundle.origin = ToViewPose(frame.cam_from_world).centre;
+    const ViewPose received = bundle.FromOrigin(frame.cam_from_world);
+    if (StandsSinceLast(view, received, TypicalDepth(range))) return false;
+    refined.push_back(Predicted(received));
+    bundle.Add(frame.id, time, frame.camera, frame.cam_from_world);
+    bundle.poses.back() = refined.back();
+    window.views.push_back(std::move(view));
+    const auto to_window = static_cast<float>(scale);
+    std::vector<Tracked> tracked;
+    Image<float> response;
+    tbb::parallel_invoke([&] { tracked = TrackLandmarks(); }, [&] { response = CornerResponse(window.views.back()); });
+    AddLandmarks(tracked, response, {range.min / to_window, range.max / to_window});
+    return true;
+  }
+
+  /// PoseRefiner::Refine.
+  PoseRefinement Refine() {
+    constexpr int kSureBundles = 10;  // after which the camera's errors hardly change
+    if (options.refine == RefinePoses::kOff) return Unrefined(bundle, "refinement is off");
+    if (bundle.size() < kMinKeyframes) {
+      return Unrefined(bundle, Concat(bundle.size(), " keyframes: needs ", kMinKeyframes));
+    }
+    if (bundle.landmarks.empty()) return Unrefined(bundle, "no matches between the keyframes");
+    constexpr int kIterations = 1;  // the newest pose is good already, and the next window goes on from here
+    const size_t fixed = NumFixed(bundle.size());
+    const double depth = TypicalDepth(bundle);
+    bundle.expected =
+        Moved(FitSimilarity(bundle.received, bundle.poses, fixed, scale * depth, 1 / scale), bundle.received);
+    if (!RefineBundle(1, kIterations, fixed, &bundle, &state)) {
+      bundle.landmarks.clear();
+      bundle.poses = refined = bundle.received;
+      state = {};
+      compared = {};
+      changed = false;
+      scale = 1;
+      ++world;
+      return Unrefined(bundle, "the bundle adjustment found no solution");
+    }
+    CompareIfDue();
+    const std::vector<ViewPose> free = ResectViews(bundle, state.camera, fixed);
+    std::copy(free.begin(), free.end(), refined.begin() + static_cast<std::ptrdiff_t>(fixed));
+    PoseRefinement result = JudgeRefinement(bundle, refined, state, options, changed);
+    result.checks.contradiction = MeasureContradiction(bundle, scale);
+    if (stamped) result.checks.stamp_offset_s = FindStampOffset(bundle);
+    if (!result.checks.has_camera_errors && state.bundles < kSureBundles) result.checks.camera_errors.reset();
+    changed = result.changed;
+    const Similarity received_from_refined =
+        FitSimilarity(bundle.poses, bundle.received, bundle.size(), TypicalDepth(bundle), scale);
+    if (result.changed) {
+      result.scale = received_from_refined.scale;
+      SetPoses(bundle, refined, Moved(received_from_refined, refined), &result);
+    } else {
+      // As long as received poses are used the two worlds stay one.
+      ++world;
+      bundle.poses = Moved(received_from_refined, std::move(bundle.poses));
+      refined = Moved(received_from_refined, std::move(refined));
+      for (Landmark& landmark : bundle.landmarks) landmark.inverse_depth /= received_from_refined.scale;
+    }
+    scale = result.scale;
+    result.world = world;
+    TidyLandmarks();
+    return result;
   }
 
   /// Brings what took no part up to date, and forgets what was adjusted to behind its anchor.
@@ -187,6 +274,8 @@ struct PoseRefiner::Impl {
   }
 
   const PoseRefinementOptions options;
+  const bool live;
+  tbb::task_arena arena{std::min(kPoseRefinementThreads, tbb::this_task_arena::max_concurrency())};
   ImageBundle window;  ///< of the keyframes, in their order
   Bundle& bundle = window.bundle;
   std::vector<ViewPose> refined;  ///< by resection; of keyframes that are fixed by now, when they were last free
@@ -199,42 +288,15 @@ struct PoseRefiner::Impl {
   uint64_t world = 1;                     ///< PoseRefinement::world
 };
 
-PoseRefiner::PoseRefiner(const PoseRefinementOptions& options) {
+PoseRefiner::PoseRefiner(const PoseRefinementOptions& options, bool live) {
   Validate(options);
-  impl_ = std::make_unique<Impl>(options);
+  impl_ = std::make_unique<Impl>(options, live);
 }
 
 PoseRefiner::~PoseRefiner() = default;
 
 bool PoseRefiner::Add(const Frame& frame, const DepthRange& range) {
-  const std::string name = Concat("keyframe ", frame.id);
-  CheckCamera(name, frame.camera);
-  CheckPose(name.c_str(), frame.cam_from_world);
-  CheckDepthRange(name.c_str(), range);
-  Bundle& bundle = impl_->bundle;
-  const bool stamped = impl_->stamped = frame.stamp_s > 0;
-  const double time = stamped ? frame.stamp_s : static_cast<double>(frame.id);
-  if (bundle.size() > 0 && frame.id <= bundle.ids.back()) {
-    throw InvalidInputError(Concat(name, ": must come after ", bundle.ids.back()));
-  }
-  if (bundle.size() > 0 && stamped && time <= bundle.times.back()) {
-    throw InvalidInputError(Concat(name, ": its stamp must be after that of keyframe ", bundle.ids.back()));
-  }
-  View view = MakeView(name, frame.camera, frame.gray, frame.mask);
-  if (bundle.size() == 0) bundle.origin = ToViewPose(frame.cam_from_world).centre;
-  const ViewPose received = bundle.FromOrigin(frame.cam_from_world);
-  if (impl_->StandsSinceLast(view, received, TypicalDepth(range))) return false;
-  impl_->refined.push_back(impl_->Predicted(received));
-  bundle.Add(frame.id, time, frame.camera, frame.cam_from_world);
-  bundle.poses.back() = impl_->refined.back();
-  impl_->window.views.push_back(std::move(view));
-  const auto scale = static_cast<float>(impl_->scale);
-  std::vector<Tracked> tracked;
-  Image<float> response;
-  tbb::parallel_invoke([&] { tracked = impl_->TrackLandmarks(); },
-                       [&] { response = CornerResponse(impl_->window.views.back()); });
-  impl_->AddLandmarks(tracked, response, {range.min / scale, range.max / scale});
-  return true;
+  return impl_->arena.execute([&] { return impl_->Add(frame, range); });
 }
 
 void PoseRefiner::RemoveOldest() {
@@ -257,56 +319,14 @@ void PoseRefiner::RemoveOldest() {
 }
 
 PoseRefinement PoseRefiner::Refine() {
-  constexpr int kSureBundles = 10;  // after which the camera's errors hardly change
-  Bundle& bundle = impl_->bundle;
-  if (impl_->options.refine == RefinePoses::kOff) return Unrefined(bundle, "refinement is off");
-  if (bundle.size() < kMinKeyframes) {
-    return Unrefined(bundle, Concat(bundle.size(), " keyframes: needs ", kMinKeyframes));
-  }
-  if (bundle.landmarks.empty()) return Unrefined(bundle, "no matches between the keyframes");
-  constexpr int kIterations = 1;  // the newest pose is good already, and the next window goes on from here
-  const size_t fixed = NumFixed(bundle.size());
-  const double depth = TypicalDepth(bundle), scale = impl_->scale;
-  bundle.expected =
-      Moved(FitSimilarity(bundle.received, bundle.poses, fixed, scale * depth, 1 / scale), bundle.received);
-  if (!RefineBundle(1, kIterations, fixed, &bundle, &impl_->state)) {
-    bundle.landmarks.clear();
-    bundle.poses = impl_->refined = bundle.received;
-    impl_->state = {};
-    impl_->compared = {};
-    impl_->changed = false;
-    impl_->scale = 1;
-    ++impl_->world;
-    return Unrefined(bundle, "the bundle adjustment found no solution");
-  }
-  impl_->CompareIfDue();
-  std::vector<ViewPose>& refined = impl_->refined;
-  const std::vector<ViewPose> free = ResectViews(bundle, impl_->state.camera, fixed);
-  std::copy(free.begin(), free.end(), refined.begin() + static_cast<std::ptrdiff_t>(fixed));
-  PoseRefinement result = JudgeRefinement(bundle, refined, impl_->state, impl_->options, impl_->changed);
-  result.checks.contradiction = MeasureContradiction(bundle, scale);
-  if (impl_->stamped) result.checks.stamp_offset_s = FindStampOffset(bundle);
-  if (!result.checks.has_camera_errors && impl_->state.bundles < kSureBundles) result.checks.camera_errors.reset();
-  impl_->changed = result.changed;
-  const Similarity received_from_refined =
-      FitSimilarity(bundle.poses, bundle.received, bundle.size(), TypicalDepth(bundle), scale);
-  if (result.changed) {
-    result.scale = received_from_refined.scale;
-    SetPoses(bundle, refined, Moved(received_from_refined, refined), &result);
-  } else {
-    // As long as received poses are used the two worlds stay one.
-    ++impl_->world;
-    bundle.poses = Moved(received_from_refined, std::move(bundle.poses));
-    refined = Moved(received_from_refined, std::move(refined));
-    for (Landmark& landmark : bundle.landmarks) landmark.inverse_depth /= received_from_refined.scale;
-  }
-  impl_->scale = result.scale;
-  result.world = impl_->world;
-  impl_->TidyLandmarks();
-  return result;
+  return impl_->arena.execute([&] { return impl_->Refine(); });
 }
 
-void PoseRefiner::Reset() { impl_ = std::make_unique<Impl>(impl_->options); }
+void PoseRefiner::Reset() {
+  const uint64_t world = impl_->world;
+  impl_ = std::make_unique<Impl>(impl_->options, impl_->live);
+  impl_->world = world + 1;
+}
 
 size_t PoseRefiner::size() const { return impl_->bundle.size(); }
 

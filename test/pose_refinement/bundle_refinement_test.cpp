@@ -197,6 +197,28 @@ TEST_F(BundleRefinementTest, ResectedPosesGiveBetterDepthsThanAPlainBundleAdjust
 }
 
 /// One exact pose, and refined ones that differ by noise: the scale between them is one noise over another.
+TEST_F(BundleRefinementTest, LaterWindowsUndoThatPosesAreBent) {
+  RefinementState state;
+  const auto add = [&](double to_pinhole, double to_camera) {
+    ModelComparison& sums = state.comparison;
+    ++sums.bundles;
+    sums.sightings += 1500;
+    sums.pinhole_cost += 110;
+    sums.camera_cost += 100;
+    sums.to_pinhole += to_pinhole;
+    sums.to_camera += to_camera;
+    state.bent = AreBentByWindows(state);
+  };
+  for (int i = 0; i < 2; ++i) add(0.002, 0.008);
+  EXPECT_TRUE(state.bent);
+  add(0.008, 0.008);
+  EXPECT_TRUE(state.bent) << "the sums still say so, though less clearly than it was asked at first";
+  for (int i = 0; i < 4; ++i) add(0.008, 0.008);
+  EXPECT_FALSE(state.bent);
+  add(0.002, 0.008);
+  EXPECT_FALSE(state.bent);
+}
+
 TEST_F(BundleRefinementTest, ACameraThatStandsContradictsNothing) {
   Bundle bundle = MakeBundle({}, 0, 0);
   const ViewPose still = bundle.received.back();

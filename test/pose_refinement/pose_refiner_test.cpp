@@ -206,6 +206,18 @@ TEST_F(PoseRefinerTest, KeyframesThatAreFixedStayBitByBit) {
   EXPECT_LT(after.position, before.position / 2);
 }
 
+// Else keyframes of before and after it would be placed as one trajectory.
+TEST_F(PoseRefinerTest, WhatComesAfterAResetIsInAnotherWorld) {
+  Perturb(0.3, 0.01);
+  PoseRefiner refiner(options_);
+  const PoseRefinement before = Run(&refiner).back();
+  refiner.Reset();
+  EXPECT_EQ(refiner.size(), 0u);
+  for (const PoseRefinement& after : Run(&refiner)) {
+    if (after.changed) EXPECT_GT(after.world, before.world);
+  }
+}
+
 TEST_F(PoseRefinerTest, FewKeyframesOrMatchesLeavePosesAndSaySo) {
   PoseRefiner refiner(options_);
   EXPECT_TRUE(refiner.Refine().poses.empty());

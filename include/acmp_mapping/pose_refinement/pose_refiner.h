@@ -8,29 +8,36 @@
 
 namespace acmp {
 
+/// That a PoseRefiner uses at once; two more compare models of the camera now and then.
+constexpr int kPoseRefinementThreads = 4;
+
 /// Refines the poses of a sliding window of keyframes. Landmarks are carried over from keyframe to keyframe, so that a
-/// new one costs little. Used by one thread at a time, works in parallel (TBB); deterministic.
+/// new one costs little. Used by one thread at a time; the result does not depend on the number of cores. Virtual for
+/// tests.
 class PoseRefiner {
  public:
   /// Throws InvalidInputError for bad options.
-  explicit PoseRefiner(const PoseRefinementOptions& options);
-  ~PoseRefiner();
+  /// @param live comparisons of camera models are taken in when they are ready, so that nothing waits for one; else
+  ///   always as many keyframes later, so that the same keyframes give the same poses
+  explicit PoseRefiner(const PoseRefinementOptions& options, bool live = false);
+  virtual ~PoseRefiner();
 
   /// Adds the newest keyframe: finds known landmarks in it, and new ones. Nothing of the frame is kept but a copy of
   /// its grey values in 8 bits. False, and nothing is kept, where the camera stands by its pose and its image: from one
   /// place landmarks have no depth, and the window would forget those that have one. Throws InvalidInputError for a bad
   /// pose, camera or range, and for an id or (where there are stamps) a stamp that does not ascend.
   /// @param range where new landmarks are looked for
-  bool Add(const Frame& frame, const DepthRange& range);
+  virtual bool Add(const Frame& frame, const DepthRange& range);
 
   /// Forgets the oldest keyframe and the landmarks first seen there. Throws InvalidInputError where there is none.
   void RemoveOldest();
 
   /// Poses of the keyframes in the window, oldest first, and how well they fit. Fewer than three keyframes or few
   /// matches: as received, with the reason.
-  PoseRefinement Refine();
+  virtual PoseRefinement Refine();
 
-  /// Forgets everything, also what was learnt about the camera.
+  /// Forgets everything, also what was learnt about the camera. What comes then is in another world
+  /// (PoseRefinement::world).
   void Reset();
 
   /// Keyframes in the window.
