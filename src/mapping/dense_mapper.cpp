@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <memory>
 #include <optional>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -41,26 +42,31 @@ void CheckFrame(const Frame& frame) {
 /// | again   | all others | refined ones whose views have not become worse, if any of them would gain    |
 /// | back    | all others | those whose maps were withdrawn, once received poses agree with the images   |
 struct Turns {
-  int min_source_views;             ///< of `initial`
-  size_t refined;                   ///< later keyframes, at least
-  size_t again_fewest, again_most;  ///< later keyframes
+  int min_source_views;                 ///< of `initial`
+  size_t refined_fewest, refined_most;  ///< later keyframes
+  size_t again_fewest, again_most;      ///< the same; of `back` any
+  bool may_wait = false;                ///< `again` and `back` are left to CatchUp
 };
 
 /// As soon as a keyframe comes: `again` is for the one that has as many later ones as earlier ones to be matched
-/// against.
+/// against. Live, what is held back meanwhile is not refined with the keyframe that ends that.
 Turns TurnsOfStream(const DenseMapperOptions& options) {
   const size_t half = static_cast<size_t>(options.window_size) / 2;
-  return {options.min_source_views, static_cast<size_t>(options.lookahead), half, half};
+  const size_t lookahead = static_cast<size_t>(options.lookahead);
+  return {options.min_source_views, lookahead, options.live ? lookahead : kMaxWindowSize, half, half, options.live};
 }
 
 /// Nothing more comes.
-constexpr Turns kTurnsOfFlush = {1, 0, 0, kMaxWindowSize};
+constexpr Turns kTurnsOfFlush = {1, 0, kMaxWindowSize, 0, kMaxWindowSize};
 
 /// With fewer later keyframes a refined one is not read by passes of others, which go on reading its initial estimate.
 /// What it saw last no other has confirmed: there it errs as its neighbours do, from which it took that, and would hand
 /// the error on from keyframe to keyframe, where initial estimates err each in its own way. With two later keyframes
 /// initial estimates serve others better, with five refined ones.
 constexpr size_t kEnoughLaterKeyframes = 3;
+
+/// Live, of a keyframe's source views: others wait until there is time, since that takes as long as a keyframe.
+constexpr int kMostMadeAnew = 1;
 
 constexpr size_t kRangeFrames = 8;  ///< images whose matches give a depth range where no landmarks do
 
@@ -73,6 +79,7 @@ void Validate(const DenseMapperOptions& options) {
         "preset acmm: needs the maps of all images at every scale, which only the offline schedule has");
   }
   CheckRange("max_source_views", options.max_source_views, 1, kMaxSelectedViews);
+  CheckRange("max_contradiction", options.max_contradiction, 1e-6, 1.0);
   Validate(options.poses);
   const DepthRange& fallback = options.fallback_depth_range;
   if (HasDepthRange(fallback)) CheckDepthRange("depth_min and depth_max", fallback);
@@ -118,7 +125,9 @@ struct DenseMapper::Impl {
         options(mapper_options),
         window(options.max_source_views),
         estimator(engine, options.pipeline),
-        poses(options.poses),
+        poses(options.poses.refine == RefinePoses::kOff ? nullptr
+                                                        : std::make_unique<PoseRefiner>(options.poses, options.live),
+              options.live),
         outputs(output_engine != nullptr ? output_engine : engine, output_engine != nullptr, std::move(callbacks),
                 stop) {}
 
@@ -136,6 +145,8 @@ struct DenseMapper::Impl {
     }
     if (capture.keyframes.empty() && capture.companions.empty()) throw InvalidInputError("capture: has no image");
     last_id = id;
+    tried.clear();
+    made_anew.clear();
     const Capture usable = WithoutRefused(capture);
     is_admitted = false;
     stop->RunCancellable([&] {
@@ -156,6 +167,16 @@ struct DenseMapper::Impl {
     outputs.WaitForAll();
   }
 
+  bool CatchUp() {
+    bool is_done = false;
+    if (!last_id) return is_done;
+    stop->RunCancellable([&] {
+      RefinePoses(*last_id, [&] { poses.Update(window); });
+      is_done = !contradicted && (RefineHeldBack() || RefineNextAgain());
+    });
+    return is_done;
+  }
+
   // The schedule.
 
   /// While received poses contradict the images nothing is refined.
@@ -165,10 +186,48 @@ struct DenseMapper::Impl {
     }
     if (contradicted) return;
     for (const WindowKeyframePtr& keyframe : window.Images()) {
-      if (keyframe->state != State::kInitialised || window.NumLaterThan(*keyframe) < turns.refined) continue;
+      const size_t later = window.NumLaterThan(*keyframe);
+      if (keyframe->state != State::kInitialised || later < turns.refined_fewest || later > turns.refined_most)
+        continue;
       Refine(keyframe);
     }
-    TakeSteps(DueAgain(turns));
+    if (!turns.may_wait) TakeSteps(DueAgain(turns));
+  }
+
+  /// The newest one that was held back; false: there is none.
+  bool RefineHeldBack() {
+    for (const WindowKeyframePtr& keyframe : NewestFirst()) {
+      if (keyframe->state != State::kInitialised) continue;
+      if (window.NumLaterThan(*keyframe) < static_cast<size_t>(options.lookahead)) continue;
+      if (!MakeNextAnew(window.SelectSources(*keyframe))) Refine(keyframe);
+      return true;
+    }
+    return false;
+  }
+
+  /// The newest one that was withdrawn or is past its turn to be refined again and would gain; false: there is none.
+  bool RefineNextAgain() {
+    const auto half = static_cast<size_t>(options.window_size) / 2;
+    for (const WindowKeyframePtr& keyframe : NewestFirst()) {
+      if (!keyframe->refined_score || tried.count(keyframe->frame->id) > 0) continue;
+      const bool has_turn = options.refine_again && !keyframe->had_turn && window.NumLaterThan(*keyframe) >= half;
+      if (!has_turn && !keyframe->is_withdrawn) continue;
+      SourceViews sources = window.SelectSources(*keyframe);
+      const bool gains = !sources.keyframes.empty() && (keyframe->is_withdrawn || WouldGain(*keyframe, sources));
+      if (gains && MakeNextAnew(sources)) return true;
+      keyframe->had_turn = keyframe->had_turn || has_turn;
+      tried.insert(keyframe->frame->id);
+      if (!gains) continue;
+      TakeSteps({{keyframe, std::move(sources)}});
+      return true;
+    }
+    return false;
+  }
+
+  std::vector<WindowKeyframePtr> NewestFirst() const {
+    std::vector<WindowKeyframePtr> images = window.Images();
+    std::reverse(images.begin(), images.end());
+    return images;
   }
 
   void Initialise(const WindowKeyframePtr& keyframe, int min_source_views) {
@@ -234,21 +293,42 @@ struct DenseMapper::Impl {
   }
 
   /// Makes initial estimates that the keyframe's passes read: those of its companions, and anew those of others if
-  /// poses have moved since. Where it fails, that is told, and the old estimate or none is read: it is not the fault of
-  /// the keyframe that reads it.
+  /// poses have moved since: live, of the best views. Where it fails, that is told, and the old estimate or none is
+  /// read: it is not the fault of the keyframe that reads it.
   void BringUpToDate(const KeyframeSteps& steps) {
+    int may_make_anew = options.live ? kMostMadeAnew : kMaxSelectedViews;
     for (size_t i = 0; i < steps.sources.keyframes.size(); ++i) {
       const WindowKeyframePtr& source = steps.sources.keyframes[i];
       const bool is_missing = i < steps.sources.num_of_capture && !source->is_mapped && !source->initial;
-      const bool is_read = source->initial && source->EstimateForPasses() == source->initial;
-      if (!is_missing && !(is_read && HaveMoved(*source, source->initial_views))) continue;
-      KeyframeSteps of_source = {source, window.SelectSources(*source)};
-      if (of_source.sources.keyframes.empty()) continue;
-      const auto failure = CatchFailure([&] { estimator.Initialise(&of_source); });
-      stop->Check();
-      if (failure) ReportFailedAgain(*source, *failure);
+      if (!is_missing && !(may_make_anew > 0 && IsOutdated(*source))) continue;
+      MakeAnew(source);
+      may_make_anew -= is_missing ? 0 : 1;
       if (!source->is_mapped) steps.keyframe->times += std::exchange(source->times, {});
     }
+  }
+
+  /// Its initial estimate is read, and was made with other poses.
+  static bool IsOutdated(const WindowKeyframe& source) {
+    const bool is_read = source.initial && source.EstimateForPasses() == source.initial;
+    return is_read && HaveMoved(source, source.initial_views);
+  }
+
+  void MakeAnew(const WindowKeyframePtr& source) {
+    KeyframeSteps steps = {source, window.SelectSources(*source)};
+    if (steps.sources.keyframes.empty()) return;
+    const auto failure = CatchFailure([&] { estimator.Initialise(&steps); });
+    stop->Check();
+    if (failure) ReportFailedAgain(*source, *failure);
+  }
+
+  /// One of BringUpToDate's at a time; false: there is none.
+  bool MakeNextAnew(const SourceViews& sources) {
+    for (const WindowKeyframePtr& source : sources.keyframes) {
+      if (!IsOutdated(*source) || !made_anew.insert(source->frame->id).second) continue;
+      MakeAnew(source);
+      return true;
+    }
+    return false;
   }
 
   /// Does something for a keyframe. Where it fails nobody else is concerned: a keyframe that has had its refined maps
@@ -281,7 +361,11 @@ struct DenseMapper::Impl {
   /// What leaves is finished first, with the views there are.
   void ShrinkWindow(int size) {
     while (window.size() > static_cast<size_t>(size)) {
-      for (const WindowKeyframePtr& keyframe : window.oldest()) EndIfUnfinished(keyframe, options.min_source_views);
+      for (const WindowKeyframePtr& keyframe : window.oldest()) {
+        EndIfUnfinished(keyframe, options.min_source_views);
+        const bool lacks_turn = options.refine_again && !keyframe->had_turn;
+        if (options.live && keyframe->refined_score && (lacks_turn || keyframe->is_withdrawn)) ++left_out.second_turns;
+      }
       window.PopOldest();
     }
   }
@@ -307,7 +391,7 @@ struct DenseMapper::Impl {
       if (!image->is_mapped && with_range != added.end()) image->range = (*with_range)->range;
     }
     RefinePoses(added.front()->frame->id,
-                [&] { has_range(added.front()) ? poses.Add(added, window) : poses.Finish(window); });
+                [&] { has_range(added.front()) ? poses.Add(added, window) : poses.Update(window); });
     for (const WindowKeyframePtr& image : added) {
       if (!image->is_mapped || has_range(image)) continue;
       Drop(image,
@@ -401,7 +485,7 @@ struct DenseMapper::Impl {
   /// withdrawn. They come back when poses agree again, clearly: by chance those of a lost frontend fit a little better
   /// now and then.
   void HeedContradiction() {
-    const double limit = (contradicted ? 0.5 : 1.0) * options.pipeline.fusion.max_relative_depth;
+    const double limit = (contradicted ? 0.5 : 1.0) * options.max_contradiction;
     const bool was_contradicted = std::exchange(contradicted, poses.checks().contradiction.value_or(0) > limit);
     if (!contradicted || was_contradicted) return;
     for (size_t later = std::min(kContradictionImages, window.size()); later-- > 0;) {
@@ -417,7 +501,7 @@ struct DenseMapper::Impl {
     return Concat(
         "poses contradict the images: motions of the last keyframes put their maps ",
         100 * poses.checks().contradiction.value_or(0), " % of the depth apart, at most ",
-        100 * options.pipeline.fusion.max_relative_depth,
+        100 * options.max_contradiction,
         " % can be fused; the frontend has lost track, its scale changes, or calibration or stamps are wrong");
   }
 
@@ -430,9 +514,12 @@ struct DenseMapper::Impl {
   std::optional<DepthRange> last_range;
   bool had_landmarks = false;  ///< that told a depth range
   std::optional<int64_t> last_id;
-  bool is_admitted = false;   ///< the last capture: it is in the window
-  bool contradicted = false;  ///< received poses, by the images
-  MapperOutputs outputs;      ///< last: its jobs are done before what is above goes
+  bool is_admitted = false;     ///< the last capture: it is in the window
+  bool contradicted = false;    ///< received poses, by the images
+  std::set<int64_t> tried;      ///< refined again, or not worth it, since the last capture
+  std::set<int64_t> made_anew;  ///< initial estimates, since then
+  LeftOut left_out;             ///< without poses
+  MapperOutputs outputs;        ///< last: its jobs are done before what is above goes
 };
 
 DenseMapper::DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks,
@@ -456,6 +543,8 @@ void DenseMapper::AddCapture(const Capture& capture) { impl_->Add(capture); }
 
 void DenseMapper::AddKeyframe(FramePtr frame) { AddCapture({{std::move(frame)}, {}}); }
 
+bool DenseMapper::CatchUp() { return impl_->CatchUp(); }
+
 void DenseMapper::Flush() { impl_->Flush(); }
 
 void DenseMapper::Reset() {
@@ -467,6 +556,7 @@ void DenseMapper::Reset() {
   impl_->had_landmarks = false;
   impl_->last_id.reset();
   impl_->contradicted = false;
+  impl_->left_out = {};
   for (const WindowKeyframePtr& keyframe : forgotten.Images()) {
     if (keyframe->state == WindowKeyframe::State::kFinished) continue;
     impl_->Drop(keyframe, ForgottenByReset(*keyframe->frame));
@@ -477,5 +567,13 @@ void DenseMapper::Reset() {
 void DenseMapper::WaitForOutputs() { impl_->outputs.WaitForAll(); }
 
 PoseChecks DenseMapper::pose_checks() const { return impl_->poses.checks(); }
+
+LeftOut DenseMapper::left_out() const {
+  LeftOut left_out = impl_->left_out;
+  left_out.poses = impl_->poses.left_out();
+  return left_out;
+}
+
+double DenseMapper::scene_depth() const { return impl_->last_range ? TypicalDepth(*impl_->last_range) : 0; }
 
 }  // namespace acmp

@@ -59,9 +59,12 @@ struct WindowKeyframe {
   bool is_mapped = true;  ///< false: it is a source view of others alone
   /// Its refined maps must not be used, since received poses contradict the images, or new ones were not made.
   std::atomic<bool> is_withdrawn{false};
+  bool had_turn = false;  ///< live: to be refined again
 
   MatchingPose pose;
-  std::optional<ReceivedPose> stands_since;  ///< of the earlier keyframe since which the camera stands; none: it moved
+  /// Of the earlier keyframe from whose pose its own follows by the received motion, since the camera stands or there
+  /// was no time to refine it; none: it is refined, or is about to be.
+  std::optional<ReceivedPose> follows;
 
   EngineImagePtr image;       ///< null until the keyframe is first used as reference or source view
   int image_levels = 0;       ///< levels it was loaded with

@@ -33,7 +33,7 @@ std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const KeyframeSteps& steps) {
   return maps;
 }
 
-/// Which checks leave no point of the reference. Estimates are fetched for it, so it takes a few times as long as the
+/// Which checks leave no point of the reference. Estimates are fetched for it, so it takes many times as long as the
 /// checks.
 PointLosses FindPointLosses(const EngineProblem& problem, const FusionOptions& consistency, DepthEngine* engine) {
   constexpr int kStep = 4;
@@ -130,7 +130,7 @@ KeyframeDepthPtr MapperOutputs::MakeFast(const KeyframeSteps& steps) const {
   return maps;
 }
 
-KeyframeDepthPtr MapperOutputs::MakeRefined(const KeyframeSteps& steps, const FusionOptions& consistency) const {
+KeyframeDepthPtr MapperOutputs::MakeRefined(const KeyframeSteps& steps, const FusionOptions& consistency) {
   auto maps = MakeWithoutMaps(steps);
   EstimateMaps estimate_maps = engine_->Download(steps.problem.reference.estimate);
   maps->depth = std::move(estimate_maps.depth);
@@ -143,9 +143,11 @@ KeyframeDepthPtr MapperOutputs::MakeRefined(const KeyframeSteps& steps, const Fu
   maps->points_in_camera = std::move(result.points_in_camera);
   Scale(steps.placed.scale, &maps->points_in_camera);
   maps->consistency_ms = timer.Lap();
-  if (maps->points_in_camera.empty()) {
-    maps->no_points_reason = Describe(FindPointLosses(steps.problem, consistency, engine_), consistency);
+  without_points_ = maps->points_in_camera.empty() ? without_points_ + 1 : 0;
+  if (without_points_ % kLossesPeriod == 1) {
+    no_points_reason_ = Describe(FindPointLosses(steps.problem, consistency, engine_), consistency);
   }
+  if (without_points_ > 0) maps->no_points_reason = no_points_reason_;
   maps->refined = true;
   return maps;
 }

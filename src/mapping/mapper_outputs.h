@@ -102,12 +102,16 @@ class MapperOutputs {
 
  private:
   KeyframeDepthPtr MakeFast(const KeyframeSteps& steps) const;
-  KeyframeDepthPtr MakeRefined(const KeyframeSteps& steps, const FusionOptions& consistency) const;
+  KeyframeDepthPtr MakeRefined(const KeyframeSteps& steps, const FusionOptions& consistency);
 
   DepthEngine* engine_;
   DenseMapper::Callbacks callbacks_;
   StopRequest* stop_;
-  OutputQueue queue_;  ///< last: its jobs use what is above
+  /// Of a run of keyframes without points each so manieth is asked for the reason, so that outputs keep up.
+  static constexpr uint64_t kLossesPeriod = 10;
+  uint64_t without_points_ = 0;   ///< refined keyframes since the last one with points
+  std::string no_points_reason_;  ///< that was found last
+  OutputQueue queue_;             ///< last: its jobs use what is above
 };
 
 }  // namespace acmp

@@ -1,6 +1,8 @@
 #include "window_poses.h"
 
 #include <algorithm>
+#include <chrono>
+#include <utility>
 
 namespace acmp {
 namespace {
@@ -37,56 +39,113 @@ MatchingPose PoseFrom(const RefinedPose& pose, const PoseRefinement& refinement)
 
 }  // namespace
 
-WindowPoses::WindowPoses(const PoseRefinementOptions& options) {
-  if (options.refine != RefinePoses::kOff) refiner_ = std::make_unique<PoseRefiner>(options);
-}
-
 void WindowPoses::Add(const WindowCapture& newest, const KeyframeWindow& window) {
   if (!refiner_) return;
-  Finish(window);
+  std::exception_ptr failure;
+  try {
+    TakeIn(window);
+  } catch (...) {
+    failure = std::current_exception();
+  }
+  const WindowKeyframe& first = *newest.front();
   if (window.size() > 1) {
     const WindowKeyframe& before = *window.WithLater(1).front();
     PredictPose(before.frame->cam_from_world, before.pose, newest.front().get());
     MoveWithFirst(newest);
   }
-  Begin(*newest.front(), window.size());
+  waiting_.push_back({{first.frame->id, first.frame->cam_from_world}, first.frame, first.range});
+  if (waiting_.size() > kMaxWaiting) {
+    Candidate& oldest = *(waiting_.end() - kMaxWaiting - 1);
+    left_out_ += oldest.frame ? 1 : 0;
+    oldest.frame.reset();
+  }
+  Begin(window.size());
+  if (failure) std::rethrow_exception(failure);
 }
 
-void WindowPoses::Begin(const WindowKeyframe& newest, size_t window_size) {
-  newest_ = {newest.frame->id, newest.frame->cam_from_world};
-  found_ =
-      std::async(std::launch::async,
-                 [this, frame = newest.frame, range = newest.range, window_size]() -> std::optional<PoseRefinement> {
-                   if (!refiner_->Add(*frame, range)) return std::nullopt;
-                   while (refiner_->size() > window_size) refiner_->RemoveOldest();
-                   return refiner_->Refine();
-                 });
+void WindowPoses::Update(const KeyframeWindow& window) {
+  TakeIn(window);
+  Begin(window.size());
 }
 
 void WindowPoses::Finish(const KeyframeWindow& window) {
-  if (!found_.valid()) return;
-  const std::optional<PoseRefinement> refinement = found_.get();
-  if (!refinement) {
-    for (const WindowCapture& capture : window) {
-      if (capture.front()->frame->id == newest_.id) capture.front()->stands_since = moved_;
-    }
-    if (++num_standing_ >= kContradictionImages) checks_.contradiction = 0;  // of the last images
-    return;
+  while (found_.valid()) {
+    found_.wait();
+    Update(window);
   }
-  moved_ = newest_;
-  num_standing_ = 0;
-  const std::optional<double> contradiction_before = checks_.contradiction;
-  checks_ = refinement->checks;
-  if (!checks_.contradiction) checks_.contradiction = contradiction_before;
+}
+
+void WindowPoses::Begin(size_t window_size) {
+  if (found_.valid() || waiting_.empty()) return;
+  found_ = std::async(std::launch::async, [this, window_size, candidates = std::exchange(waiting_, {})]() mutable {
+    Found found;
+    const auto attempt = [&found](const auto& work) {
+      try {
+        work();
+      } catch (...) {
+        if (!found.failure) found.failure = std::current_exception();
+      }
+    };
+    bool any_kept = false;
+    for (Candidate& candidate : candidates) {
+      if (!candidate.frame) continue;
+      attempt([&] {
+        candidate.is_kept = refiner_->Add(*candidate.frame, candidate.range);
+        candidate.stands = !candidate.is_kept;
+      });
+      any_kept = any_kept || candidate.is_kept;
+      candidate.frame.reset();
+    }
+    while (refiner_->size() > window_size) refiner_->RemoveOldest();
+    if (any_kept) attempt([&] { found.refinement = refiner_->Refine(); });
+    found.candidates = std::move(candidates);
+    return found;
+  });
+}
+
+void WindowPoses::TakeIn(const KeyframeWindow& window) {
+  if (!found_.valid()) return;
+  if (live_ && found_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
+  const Found found = found_.get();
+  for (const Candidate& candidate : found.candidates) {
+    if (candidate.is_kept) {
+      moved_ = candidate.received;
+      num_standing_ = 0;
+      continue;
+    }
+    if (candidate.stands) ++num_standing_;
+    for (const WindowCapture& capture : window) {
+      WindowKeyframe& keyframe = *capture.front();
+      if (keyframe.frame->id == candidate.received.id) keyframe.follows = moved_;
+    }
+  }
+  if (!found.refinement.poses.empty()) {
+    const std::optional<double> contradiction_before = checks_.contradiction;
+    checks_ = found.refinement.checks;
+    if (!checks_.contradiction) checks_.contradiction = contradiction_before;
+    Place(window, found.refinement);
+  }
+  if (num_standing_ >= kContradictionImages) checks_.contradiction = 0;  // of the last images
+  if (found.failure) std::rethrow_exception(found.failure);
+}
+
+void WindowPoses::Place(const KeyframeWindow& window, const PoseRefinement& refinement) const {
+  const std::vector<RefinedPose>& poses = refinement.poses;
+  const auto find = [&](int64_t id) {
+    return std::find_if(poses.begin(), poses.end(), [id](const RefinedPose& pose) { return pose.id == id; });
+  };
   for (const WindowCapture& capture : window) {
-    const WindowKeyframePtr& keyframe = capture.front();
-    const int64_t id = keyframe->stands_since ? keyframe->stands_since->id : keyframe->frame->id;
-    const auto& poses = refinement->poses;
-    const auto pose = std::find_if(poses.begin(), poses.end(), [id](const RefinedPose& p) { return p.id == id; });
-    if (pose == poses.end()) continue;
-    const MatchingPose found = PoseFrom(*pose, *refinement);
-    if (!keyframe->stands_since) keyframe->pose = found;
-    if (keyframe->stands_since) PredictPose(keyframe->stands_since->cam_from_world, found, keyframe.get());
+    WindowKeyframe& keyframe = *capture.front();
+    const auto own = find(keyframe.frame->id);
+    if (own != poses.end()) {
+      keyframe.pose = PoseFrom(*own, refinement);
+    } else {
+      const bool is_newer = keyframe.frame->id > poses.back().id;  // its own refinement is to come
+      const std::optional<ReceivedPose>& before = is_newer ? moved_ : keyframe.follows;
+      const auto followed = before ? find(before->id) : poses.end();
+      if (followed == poses.end()) continue;
+      PredictPose(before->cam_from_world, PoseFrom(*followed, refinement), &keyframe);
+    }
     MoveWithFirst(capture);
   }
 }
@@ -94,7 +153,10 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
 void WindowPoses::Reset() {
   if (found_.valid()) found_.wait();
   found_ = {};
+  waiting_.clear();
+  moved_.reset();
   num_standing_ = 0;
+  left_out_ = 0;
   checks_ = {};
   if (refiner_) refiner_->Reset();
 }

@@ -117,7 +117,7 @@ TEST(CaptureWindowTest, ACompanionThatCannotBeUsedIsToldAndLeftOut) {
 TEST(CaptureWindowTest, CompanionsMoveRigidlyWithTheRefinedPose) {
   KeyframeWindow window({});
   const WindowCapture added = window.Add(WallPair(0, 1));
-  WindowPoses poses({});
+  WindowPoses poses(std::make_unique<PoseRefiner>(PoseRefinementOptions()), false);
   WindowKeyframe& keyframe = *added.front();
   keyframe.range = {1, 10};
   poses.Add(added, window);

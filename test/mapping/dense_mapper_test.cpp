@@ -247,6 +247,32 @@ TEST(RefineAgainTest, HalfwayThroughTheWindowWhereViewsHaveBecomeBetter) {
   }
 }
 
+TEST(RefineAgainTest, LiveWhereThereIsTimeTheNewestFirst) {
+  DenseMapperOptions options = RefiningAgain(5);
+  options.live = true;
+  MapperHarness harness(options);
+  AddPoorStartAndGoodViews(&harness);
+  EXPECT_THAT(harness.refined_again, IsEmpty());
+  size_t before = 0;
+  while (harness.mapper.CatchUp()) {
+    EXPECT_LE(harness.refined_again.size(), before + 1) << "one thing at a time";
+    before = harness.refined_again.size();
+  }
+  EXPECT_THAT(harness.refined_again, ElementsAre(2, 1));
+  EXPECT_EQ(harness.mapper.left_out().second_turns, 0u);
+  EXPECT_THAT(harness.drops, IsEmpty());
+}
+
+TEST(RefineAgainTest, LiveThoseWithoutTimeAreCounted) {
+  DenseMapperOptions options = RefiningAgain(5);
+  options.live = true;
+  MapperHarness harness(options);
+  for (int id = 0; id < 12; ++id) harness.Add(WallFrame(id));
+  EXPECT_THAT(harness.refined_again, IsEmpty());
+  EXPECT_EQ(harness.mapper.left_out().second_turns, 12u - 5u);
+  EXPECT_THAT(harness.refined, SizeIs(12 - options.lookahead)) << "they have their first refined maps";
+}
+
 TEST(RefineAgainTest, NotWhereViewsWereGoodFromTheStart) {
   DenseMapperOptions options = RefiningAgain(6);
   options.max_source_views = 3;

@@ -1,10 +1,12 @@
 // Poses that do not fit the images are refined in the window, and what comes out lies in the frontend's world.
 
 #include <algorithm>
+#include <chrono>
 #include <map>
 #include <memory>
 #include <random>
 #include <set>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -42,7 +44,7 @@ DenseMapperOptions RoomOptions() {
 DenseMapperOptions NoisyRoomOptions(RefinePoses refine) {
   DenseMapperOptions options = RoomOptions();
   options.poses.refine = refine;
-  options.pipeline.fusion.max_relative_depth = 0.5f;
+  options.max_contradiction = 0.5;
   return options;
 }
 
@@ -219,7 +221,7 @@ TEST(RefinedPosesTest, AContradictionEndsWhereTheCameraStands) {
   MapperHarness harness(options);
   const std::vector<RigidTransform> received = LostFrom(0, TruePoses());
   Feed(received, &harness);
-  options.pipeline.fusion.max_relative_depth = static_cast<float>(1.3 * *harness.mapper.pose_checks().contradiction);
+  options.max_contradiction = 1.3 * *harness.mapper.pose_checks().contradiction;
   harness.mapper.set_options(options);
   harness.refined.clear();
   const size_t last = received.size() - 1;
@@ -236,13 +238,19 @@ TEST(RefinedPosesTest, AContradictionEndsWhereTheCameraStands) {
   EXPECT_EQ(harness.mapper.pose_checks().contradiction, 0.0);
 }
 
-// A jump of one pose, after which the frontend goes on as before: what was withdrawn and what was held back comes.
+/// Received poses with a jump of three poses, after which the frontend goes on as before.
+std::vector<RigidTransform> WithADetour() {
+  std::vector<RigidTransform> received = TruePoses();
+  for (size_t i = 3; i < 6; ++i) received[i] = LostFrom(3, TruePoses())[i];
+  return received;
+}
+
+// What was withdrawn and what was held back comes.
 // Where the maps of one cannot be made then, it is tried again.
 TEST(RefinedPosesTest, MapsComeWhenPosesAgreeAgain) {
   DenseMapperOptions options = RoomOptions();
-  options.pipeline.fusion.max_relative_depth = 0.012f;  // the detour is a contradiction of 0.016 at most
-  std::vector<RigidTransform> received = TruePoses();
-  for (size_t i = 3; i < 6; ++i) received[i] = LostFrom(3, TruePoses())[i];
+  options.max_contradiction = 0.012;  // the detour is a contradiction of 0.016 at most
+  const std::vector<RigidTransform> received = WithADetour();
   for (const bool fails_once : {false, true}) {
     MapperHarness harness(options);
     std::optional<int64_t> failed;
@@ -264,6 +272,46 @@ TEST(RefinedPosesTest, MapsComeWhenPosesAgreeAgain) {
       EXPECT_EQ(std::count(harness.refined_again.begin(), harness.refined_again.end(), id), 1) << id;
     }
   }
+}
+
+// Poses that a frontend has not lost contradict the images by up to 1.5 % of the depth, whatever the preset's fusion.
+TEST(RefinedPosesTest, WhatContradictsTheImagesDoesNotDependOnThePreset) {
+  DenseMapperOptions options = RoomOptions();
+  options.pipeline.fusion.max_relative_depth = MakePreset("acmp").fusion.max_relative_depth;
+  MapperHarness harness(options);
+  double greatest = 0;
+  const std::vector<RigidTransform> received = WithADetour();
+  for (size_t i = 0; i < received.size(); ++i) {
+    harness.Add(WithLandmarks(i, received[i]));
+    greatest = std::max(greatest, harness.mapper.pose_checks().contradiction.value_or(0));
+  }
+  EXPECT_GT(greatest, options.pipeline.fusion.max_relative_depth) << "or the test shows nothing";
+  EXPECT_LT(greatest, options.max_contradiction);
+  EXPECT_THAT(harness.withdrawn, IsEmpty());
+}
+
+// Live, what was held back comes one by one where there is time, and none of it with the keyframe that ends that.
+TEST(RefinedPosesTest, LiveNoKeyframeWaitsForWhatWasHeldBack) {
+  DenseMapperOptions options = RoomOptions();
+  options.live = true;
+  options.max_contradiction = 0.012;  // the detour is a contradiction of 0.016 at most
+  MapperHarness harness(options);
+  const std::vector<RigidTransform> received = WithADetour();
+  const auto refinements = [&] { return harness.refined.size() + harness.refined_again.size(); };
+  for (size_t i = 0; i < received.size(); ++i) {
+    const size_t before = refinements();
+    harness.Add(WithLandmarks(i, received[i]));
+    EXPECT_LE(refinements(), before + 1) << i;
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));  // poses are mostly found by then
+  }
+  size_t before = refinements();
+  while (harness.mapper.CatchUp()) {
+    EXPECT_LE(refinements(), before + 1);
+    before = refinements();
+  }
+  harness.Flush();
+  EXPECT_THAT(harness.drops, IsEmpty());
+  EXPECT_EQ(harness.refined.size(), received.size());
 }
 
 /// A camera that goes through the room and stands somewhere for a while.
@@ -301,7 +349,6 @@ class StandingCameraTest : public ::testing::TestWithParam<Stand> {};
 
 TEST_P(StandingCameraTest, NothingIsWithdrawnOrHeldBack) {
   DenseMapperOptions options = RoomOptions();
-  options.pipeline.fusion.max_relative_depth = 0.02f;
   MapperHarness harness(options);
   Feed(GetParam(), &harness);
   EXPECT_LT(harness.mapper.pose_checks().contradiction.value_or(0), 0.01);

@@ -38,6 +38,14 @@ struct DenseMapperOptions {
   int lookahead = 2;                ///< later keyframes a keyframe waits for before it is refined, 0..window_size-1
   bool refine_again = true;  ///< refine a keyframe once more halfway through the window, and at a flush, if by then its
                              ///< source views are better or poses have moved
+  /// Nothing on the way of a keyframe but its own work. What makes maps better beside that waits for
+  /// DenseMapper::CatchUp (refining again, and what was held back while received poses contradicted the images) or is
+  /// taken in when it is ready (refined poses): so results depend on the timing. For cameras; recordings need not be
+  /// live.
+  bool live = false;
+  /// Of the depth: by so much the maps of a surface may lie apart for received poses that contradict the images. Those
+  /// of frontends that have not lost track contradict them by 0.2 to 1.5 %.
+  double max_contradiction = 0.02;
   int min_source_views = 2;  ///< a keyframe waits until so many views are useful; at most max_source_views and
                              ///< window_size - 1, which is all that other keyframes can offer. One of its own
                              ///< capture is enough: it lies as far away as the cameras do
@@ -58,16 +66,17 @@ struct KeyframeDepth {
   DepthRange range;                             ///< that was searched, scene units
   DepthMap depth;                               ///< z in the camera's frame, scene units
   // Of refined maps only; empty for fast ones.
-  NormalMap normal;                             ///< unit vectors in the camera's frame, towards the camera
-  CostMap cost;                                 ///< 0..kWorstCost or kUnsupportedCost, see CostMap
-  ConfidenceMap confidence;                     ///< 0..1
-  PointCloud points_in_camera;                  ///< pixels that enough source views confirm
-  std::optional<std::string> no_points_reason;  ///< Describe(PointLosses), where no pixel is confirmed
-  std::string prior_depth_rejection;            ///< why the frame's prior depth is used nowhere; else empty
-  std::vector<int64_t> source_ids;              ///< keyframes it was matched against, best first
-  StageTimes times;                             ///< summed over all steps since it was last refined
-  double consistency_ms = 0;                    ///< wall time of the consistency check
-  bool refined = false;                         ///< false: fast maps of steps 1-20; true: after all steps
+  NormalMap normal;             ///< unit vectors in the camera's frame, towards the camera
+  CostMap cost;                 ///< 0..kWorstCost or kUnsupportedCost, see CostMap
+  ConfidenceMap confidence;     ///< 0..1
+  PointCloud points_in_camera;  ///< pixels that enough source views confirm
+  /// Describe(PointLosses), where no pixel is confirmed: its own, or that of a keyframe shortly before.
+  std::optional<std::string> no_points_reason;
+  std::string prior_depth_rejection;  ///< why the frame's prior depth is used nowhere; else empty
+  std::vector<int64_t> source_ids;    ///< keyframes it was matched against, best first
+  StageTimes times;                   ///< summed over all steps since it was last refined
+  double consistency_ms = 0;          ///< wall time of the consistency check
+  bool refined = false;               ///< false: fast maps of steps 1-20; true: after all steps
 };
 using KeyframeDepthPtr = std::shared_ptr<const KeyframeDepth>;
 
@@ -86,12 +95,18 @@ struct KeyframeDrop {
   bool had_fast = false;  ///< on_fast was called for it: only the refined maps are missing
 };
 
+/// What there was no time for, live, since the last Reset.
+struct LeftOut {
+  uint64_t poses = 0;         ///< keyframes whose pose was not refined: it follows from the one before
+  uint64_t second_turns = 0;  ///< keyframes that left the window without their turn to be refined again, or withdrawn
+};
+
 /// Online mapping over a sliding window: feed posed frames in time order, get fast maps as soon as enough past views
 /// exist, and refined, consistency-checked maps with points once `lookahead` later keyframes have come. The steps of a
 /// keyframe are those of ScheduleOf, as in the offline tool; here they read what maps the window has.
 ///
-/// Deterministic: the same frames, options and device give the same maps and the same calls in the same order, whatever
-/// the timing. Used by one thread at a time.
+/// Deterministic, unless it is live: the same frames, options and device give the same maps and the same calls in the
+/// same order, whatever the timing. Used by one thread at a time.
 ///
 /// With an engine for outputs, maps of finished estimates come to the host, are checked for consistency and go to the
 /// callbacks beside the mapper's thread while further steps run: methods return before the callbacks that they
@@ -149,6 +164,11 @@ class DenseMapper {
   /// AddCapture of one keyframe.
   void AddKeyframe(FramePtr frame);
 
+  /// Live: does one thing that was put off, which takes about as long as a keyframe, newest keyframes first. False:
+  /// there is nothing to do until the next capture. What is still put off when a keyframe leaves the window is left
+  /// out, but for its first refined maps.
+  bool CatchUp();
+
   /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough. Then
   /// refines again what has better views now.
   void Flush();
@@ -159,10 +179,16 @@ class DenseMapper {
   /// Returns when all callbacks that earlier calls cause have been called.
   void WaitForOutputs();
 
-  /// Faults of the received poses. While they contradict the images by more than the fusion's max_relative_depth, maps
-  /// of the same surface would not meet: no keyframe is refined, the maps of the newest ones are withdrawn, and they
-  /// come when the contradiction is below half of that again, or never.
+  /// Faults of the received poses. While they contradict the images by more than max_contradiction, maps of the same
+  /// surface would not meet: no keyframe is refined, the maps of the newest ones are withdrawn, and they come when the
+  /// contradiction is below half of that again, or never.
   PoseChecks pose_checks() const;
+
+  LeftOut left_out() const;
+
+  /// Where the scene lies: the middle of the depth range that sparse points or matches between images have told last.
+  /// 0: nothing has.
+  double scene_depth() const;
 
  private:
   struct Impl;
