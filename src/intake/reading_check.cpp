@@ -227,14 +227,22 @@ void ReadingCheck::Clear() {
   images_.clear();
   next_ = 0;
   verdict_ = {};
+  ++cleared_;
 }
 
 ReadingVerdict ReadingCheck::Judge(const PoseSemantics& configured) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  if (added_ >= next_) {
+  std::vector<SmallImage> images;
+  uint64_t cleared = 0;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (added_ < next_) return verdict_;
     next_ = added_ + images_.size();
-    verdict_ = JudgeReadings(configured, Match());
+    images.assign(images_.begin(), images_.end());
+    cleared = cleared_;
   }
+  ReadingVerdict verdict = JudgeReadings(configured, Match(images));
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (cleared == cleared_) verdict_ = std::move(verdict);
   return verdict_;
 }
 
@@ -243,10 +251,10 @@ ReadingVerdict ReadingCheck::verdict() const {
   return verdict_;
 }
 
-std::vector<MatchedImages> ReadingCheck::Match() const {
+std::vector<MatchedImages> ReadingCheck::Match(const std::vector<SmallImage>& small_images) {
   std::vector<FeatureImage> images;
   std::vector<MatchedImages> pairs;
-  for (const SmallImage& image : images_) {
+  for (const SmallImage& image : small_images) {
     images.push_back(FindFeatures(image));
     const FeatureImage& other = images.back();
     for (size_t i = images.size() - 1, j = i < kMostGap ? 0 : i - kMostGap; j < i; ++j) {

@@ -56,18 +56,20 @@ class ReadingCheck {
   /// A keyframe as received.
   void Add(const Frame& frame);
   void Clear();
-  /// JudgeReadings of the last keyframes. That takes some tenths of a second, so once for a number of them.
+  /// JudgeReadings of the last keyframes. That takes some tenths of a second, so once for a number of them; keyframes
+  /// come in meanwhile.
   ReadingVerdict Judge(const PoseSemantics& configured);
   /// The last one; says nothing before the first.
   ReadingVerdict verdict() const;
 
  private:
-  std::vector<MatchedImages> Match() const;
+  static std::vector<MatchedImages> Match(const std::vector<SmallImage>& images);
 
   const size_t kept_images_;
   mutable std::mutex mutex_;
   std::deque<SmallImage> images_;
   uint64_t added_ = 0, next_ = 0;  ///< images; and when it is worth to look again
+  uint64_t cleared_ = 0;           ///< times
   ReadingVerdict verdict_;
 };
 
