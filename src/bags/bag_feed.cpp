@@ -23,7 +23,7 @@ class BagFeed {
   BagFeed(const BagTopics& topics, const NodeOptions& options, const TransformSource& transforms)
       : topics_(topics),
         options_(options),
-        intake_(options, KeyframeGateOptions(), 0, transforms),
+        intake_(options, 0, transforms),
         row_s_(topics.Find(topics.chosen.image).duration_s / kRows) {
     run_.images_of_poses = std::make_unique<ReadingCheck>(kRows * kViewsInARow);
     intake_.set_clouds_expected(!topics.chosen.sparse_points.empty());

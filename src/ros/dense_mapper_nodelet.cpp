@@ -30,6 +30,7 @@ namespace {
 
 constexpr double kDeliverPeriodS = 0.05;  ///< how late a wait for a cloud may end
 constexpr double kMissingPeriodS = 10;    ///< between two words in the log about missing inputs
+constexpr double kReadingPeriodS = 1;     ///< between two looks whether poses are to be checked by the images
 /// A flush waits for images until at so many looks in a row, so far apart, no more have come ...
 constexpr int kOnTheWayLooks = 4;  ///< several: a process that stood still for a while has not read what has come
 constexpr double kOnTheWayS = 0.05;
@@ -118,8 +119,10 @@ class DenseMapperNodelet : public NodeletBase {
       if (!missing.empty()) NODELET_WARN("missing_input: %s", Printable(missing).c_str());
       if (flushing_) NODELET_INFO("flush: %s", Printable(AccountForImages(TakeSnapshot())).c_str());
       worker_->JudgeRigs(false);
-      if (matched_ < next_reading_) return;
-      next_reading_ = 2 * matched_;  // it takes some tenths of a second
+    });
+    reading_timer_ = status_thread_.MakeTimer(getNodeHandle(), kReadingPeriodS, [this] {
+      if (matched_ < next_reading_ && !reading_wanted_.exchange(false)) return;
+      next_reading_ = 2 * matched_;
       FindReading();
     });
     std::string topics;
@@ -210,8 +213,7 @@ class DenseMapperNodelet : public NodeletBase {
     tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()), !needs_tf, [this](const std::string& text) {
       Report(RejectedInput{"bad_tf", text});
     });
-    intake_ = std::make_unique<KeyframeIntake>(options_, runtime_options.gate, FallbackDepth(runtime_options.mapper),
-                                               tf_->transforms());
+    intake_ = std::make_unique<KeyframeIntake>(options_, FallbackDepth(runtime_options.mapper), tf_->transforms());
     if (!options_.calibration_file.empty()) {
       intake_->AddCameraInfo(ReadCalibrationFile(options_.calibration_file, options_.rectified));
     }
@@ -227,7 +229,7 @@ class DenseMapperNodelet : public NodeletBase {
         NODELET_WARN("depth_min = %g, depth_max = %g: used when both are set", range.min, range.max);
       }
       std::lock_guard<std::mutex> lock(intake_mutex_);
-      intake_->set_gate(wanted.gate, FallbackDepth(wanted.mapper));
+      intake_->set_fallback_depth(FallbackDepth(wanted.mapper));
     } catch (const InvalidInputError& error) {
       NODELET_WARN("the change of parameters was refused: %s", error.what());
       config = ToConfig(current);
@@ -261,7 +263,7 @@ class DenseMapperNodelet : public NodeletBase {
       std::lock_guard<std::mutex> lock(intake_mutex_);
       SetExpected(inputs, intake_.get());
       events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds() - blocked_s_);
-      publisher_->set_images(ImagesReceived(inputs) - intake_->not_chosen() - intake_->unposed_images());
+      publisher_->set_images(ImagesReceived(inputs) - worker_->not_chosen() - intake_->unposed_images());
     }
     const double start_s = SteadySeconds();
     for (IntakeEvent& event : events) Dispatch(std::move(event), all);
@@ -353,7 +355,8 @@ class DenseMapperNodelet : public NodeletBase {
     if (!stands && drop.reason != "no_depth_range" && drop.reason != "no_points" && drop.reason != "poses_contradict") {
       return drop;
     }
-    if (FindReading() || stands) return drop;
+    reading_wanted_ = true;  // not here: it takes some tenths of a second, in which keyframes would wait
+    if (!publisher_->readings().verdict().text.empty() || stands) return drop;
     std::lock_guard<std::mutex> lock(intake_mutex_);
     drop.message += intake_->DescribeDoubt();
     return drop;
@@ -379,6 +382,7 @@ class DenseMapperNodelet : public NodeletBase {
     snapshot.matched = matched_;
     snapshot.sync_tolerance_s = options_.matcher.sync_tolerance_s;
     snapshot.queued = worker_->queued();
+    snapshot.not_chosen = worker_->not_chosen();
     snapshot.worker = worker_->status();
     snapshot.maps = publisher_->maps();
     snapshot.points_sent = publisher_->points_sent();
@@ -388,7 +392,6 @@ class DenseMapperNodelet : public NodeletBase {
     std::lock_guard<std::mutex> lock(intake_mutex_);
     snapshot.waiting_images = intake_->waiting_images();
     snapshot.waiting_for = intake_->DescribeWait(snapshot.now_s);
-    snapshot.not_chosen = intake_->not_chosen();
     snapshot.last_gap = intake_->last_gap();
     snapshot.pose_use = intake_->pose_use();
     snapshot.points_in_front = intake_->share_in_front();
@@ -428,6 +431,7 @@ class DenseMapperNodelet : public NodeletBase {
   std::atomic<bool> flushing_{false};  ///< its progress is told in the log
   std::atomic<uint64_t> matched_{0};
   uint64_t next_reading_ = 10;  ///< of matched_: when FindReading is called unasked
+  std::atomic<bool> reading_wanted_{false};
 
   std::mutex delivery_mutex_;
   /// Spent in a blocking queue: while it blocks no cloud can come in, so the clock of the wait for clouds stands still.
@@ -437,7 +441,7 @@ class DenseMapperNodelet : public NodeletBase {
   std::unique_ptr<KeyframeIntake> intake_;
 
   std::unique_ptr<MapperWorker> worker_;
-  ros::WallTimer missing_timer_;
+  ros::WallTimer missing_timer_, reading_timer_;
   ros::WallTimer deliver_timer_;
   std::vector<std::unique_ptr<InputSource>> sources_;
   boost::recursive_mutex config_mutex_;

@@ -221,6 +221,12 @@ void DescribePoseChecks(const PoseChecks& checks, DiagnosticStatusWrapper* statu
   status->mergeSummary(DiagnosticStatus::WARN, DescribeStampOffset(*checks.stamp_offset_s));
 }
 
+/// What was left out so that keyframes do not wait.
+void DescribeLeftOut(const LeftOut& left_out, DiagnosticStatusWrapper* status) {
+  status->add("left out for lack of time: keyframes whose pose was not refined", left_out.poses);
+  status->add("left out for lack of time: keyframes that were not refined again", left_out.second_turns);
+}
+
 void DescribeRunWithoutPoints(const OutputStatus& outputs, DiagnosticStatusWrapper* status) {
   status->add("newest refined keyframes without points", outputs.run_without_points);
   if (outputs.run_without_points == 0) return;
@@ -264,6 +270,7 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("completion [ms]", worker.outputs.times.fill_ms);
   status->add("of these in kernels [ms]", worker.outputs.times.kernels_ms);
   status->add("consistency check [ms]", worker.outputs.consistency_ms);
+  DescribeLeftOut(worker.left_out, status);
   DescribePoseFit(worker.outputs, status);
   DescribePoseChecks(worker.pose_checks, status);
   if (!worker.distortion.empty()) status->mergeSummary(DiagnosticStatus::WARN, worker.distortion);

@@ -41,16 +41,13 @@ KeyframeOrigin KeyframeOrigin::OfFace(const PinholeFace& of) const {
   return origin;
 }
 
-KeyframeIntake::KeyframeIntake(const NodeOptions& options, const KeyframeGateOptions& gate, double fallback_depth,
-                               const TransformSource& transforms)
+KeyframeIntake::KeyframeIntake(const NodeOptions& options, double fallback_depth, const TransformSource& transforms)
     : options_(options),
       transforms_(transforms),
       matcher_(options.matcher),
       sources_(options, transforms),
       resolver_(options.pose, options.extrinsic_inverted, transforms.find_latest, PathChild(options)),
-      fallback_depth_(fallback_depth) {
-  gate_.set_options(gate);
-}
+      fallback_depth_(fallback_depth) {}
 
 void KeyframeIntake::AddImage(std::shared_ptr<const EncodedImage> image, double arrival_s) {
   const int64_t stamp_ns = ToStampNs(image->header().stamp);
@@ -149,11 +146,6 @@ std::vector<IntakeEvent> KeyframeIntake::TakeAll() {
   return events;
 }
 
-void KeyframeIntake::set_gate(const KeyframeGateOptions& gate, double fallback_depth) {
-  gate_.set_options(gate);
-  fallback_depth_ = fallback_depth;
-}
-
 void KeyframeIntake::Clear() {
   matcher_.Clear("reset");
   RejectStarting("reset", "the frontend was starting", &forgotten_);
@@ -162,7 +154,6 @@ void KeyframeIntake::Clear() {
 }
 
 void KeyframeIntake::StartOver() {
-  gate_.Reset();
   world_.Reset();
   scene_depth_ = 0;
 }
@@ -254,7 +245,6 @@ void KeyframeIntake::CheckWorld(KeyframeInput input, bool has_empty_cloud, std::
       RejectStarting("not_settled", judgement.reason, events);
       break;
     case Verdict::kNewWorld:
-      gate_.Reset();
       events->emplace_back(NewWorld{
           Concat("from image ", FormatStamp(input.stamp_ns),
                  " on the frontend's world is another one, and a new part of the map begins: ", judgement.reason)});
@@ -275,17 +265,7 @@ void KeyframeIntake::RejectStarting(const std::string& reason, const std::string
 }
 
 void KeyframeIntake::UseStarting(std::vector<IntakeEvent>* events) {
-  for (KeyframeInput& input : std::exchange(starting_, {})) ChooseKeyframe(std::move(input), events);
-}
-
-void KeyframeIntake::ChooseKeyframe(KeyframeInput input, std::vector<IntakeEvent>* events) {
-  if (options_.keyframe_mode == KeyframeMode::kGate) {
-    if (!gate_.Accept(input.world_from_cam, input.calibration->camera, input.scene_depth)) {
-      ++not_chosen_;
-      return;
-    }
-  }
-  events->emplace_back(std::move(input));
+  for (KeyframeInput& input : std::exchange(starting_, {})) events->emplace_back(std::move(input));
 }
 
 PathConvention KeyframeIntake::MakePathConvention() const {

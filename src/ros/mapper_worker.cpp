@@ -4,6 +4,7 @@
 #include <cmath>
 #include <exception>
 #include <future>
+#include <random>
 #include <utility>
 
 #include <ros/time.h>
@@ -58,6 +59,9 @@ std::shared_ptr<const std::string> KeptImage(const ColorImage& image, int max_si
 /// Keyframes over which the time between two is measured.
 constexpr size_t kPaceKeyframes = 11;
 
+/// Of a camera: nothing may make keyframes wait. A recording that waits gives the same maps again.
+bool IsLive(const NodeOptions& options) { return options.overload != OverloadPolicy::kBlock; }
+
 /// Mean time between stamps; none where there are too few to tell.
 std::optional<double> MeanInterval(const std::deque<int64_t>& stamps_ns) {
   constexpr size_t kFewest = 3;
@@ -67,6 +71,21 @@ std::optional<double> MeanInterval(const std::deque<int64_t>& stamps_ns) {
 
 }  // namespace
 
+void InputPace::Add(double now_s) {
+  newest_s_.push_back(now_s);
+  if (newest_s_.size() > kPaceKeyframes) newest_s_.pop_front();
+}
+
+double InputPace::WaitFor(double now_s, double takes_s) const {
+  if (newest_s_.empty()) return 0;
+  constexpr double kUnknown_s = 0.1, kLate = 1.5;
+  const double last_s = newest_s_.back();
+  const double interval_s =
+      newest_s_.size() < 2 ? kUnknown_s : (last_s - newest_s_.front()) / static_cast<double>(newest_s_.size() - 1);
+  if (now_s + takes_s <= last_s + interval_s) return 0;
+  return std::max(0.0, last_s + kLate * interval_s - now_s);
+}
+
 MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Mask fixed_mask,
                            OutputPublisher* outputs, Hooks hooks)
     : node_options_(node_options),
@@ -74,7 +93,7 @@ MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions*
       fixed_mask_(std::move(fixed_mask)),
       outputs_(outputs),
       hooks_(std::move(hooks)),
-      queue_(node_options.overload),
+      queue_(node_options.overload, SteadySeconds),
       run_(NewRun()),
       thread_([this] { Run(); }) {}
 
@@ -89,12 +108,28 @@ void MapperWorker::Stop() {
   queue_.Stop();
 }
 
+bool MapperWorker::IsKeyframe(const KeyframeInput& input) {
+  if (node_options_.keyframe_mode != KeyframeMode::kGate) return true;
+  // Else which images are keyframes would depend on the timing.
+  if (!(input.scene_depth > 0) && !IsLive(node_options_)) RunCommand(false, [] {});
+  const KeyframeGateOptions options = options_->Get().gate;
+  const std::lock_guard<std::mutex> lock(status_mutex_);
+  gate_.set_options(options);
+  const double depth = input.scene_depth > 0 ? input.scene_depth : scene_depth_;
+  return gate_.Accept(input.world_from_cam, input.calibration->camera, depth);
+}
+
 void MapperWorker::Push(KeyframeInput input, bool wait_for_room) {
+  if (!IsKeyframe(input)) {
+    ++not_chosen_;
+    return;
+  }
   {
     const std::lock_guard<std::mutex> lock(status_mutex_);
     if (!newest_stamps_ns_.empty() && input.stamp_ns <= newest_stamps_ns_.back()) newest_stamps_ns_.clear();
     newest_stamps_ns_.push_back(input.stamp_ns);
     if (newest_stamps_ns_.size() > kPaceKeyframes) newest_stamps_ns_.pop_front();
+    pace_.Add(SteadySeconds());
   }
   const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input), wait_for_room);
   if (!dropped) return;
@@ -111,25 +146,35 @@ std::string MapperWorker::Flush() {
   });
 }
 
+void MapperWorker::ResetGate() {
+  const std::lock_guard<std::mutex> lock(status_mutex_);
+  gate_.Reset();
+}
+
+void MapperWorker::BeginRun() {
+  if (mapper_) mapper_->Reset();
+  ForgetRigs();  // another world may have another unit
+  run_ = NewRun();
+  UpdateStatus([this](WorkerStatus*) { scene_depth_ = 0; });
+}
+
 void MapperWorker::StartOver() {
+  ResetGate();
   queue_.PushCommand([this] {
     if (mapper_) FlushMapper();
-    if (mapper_) mapper_->Reset();
-    ForgetRigs();  // another world may have another unit
-    run_ = NewRun();
+    BeginRun();
   });
 }
 
 std::string MapperWorker::Reset() {
+  ResetGate();
   for (const KeyframeInput& input : queue_.ClearInputs()) {
     outputs_->Report({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)"), true});
   }
   stop_.Request();
   return RunCommand(true, [this] {
     const std::unique_ptr<StopRequest, void (*)(StopRequest*)> clear(&stop_, [](StopRequest* stop) { stop->Clear(); });
-    if (mapper_) mapper_->Reset();
-    ForgetRigs();
-    run_ = NewRun();
+    BeginRun();
   });
 }
 
@@ -193,17 +238,55 @@ void MapperWorker::Run() {
         if (!outputs_->is_stopping()) hooks_.on_device(status());
       },
       report);
-  while (auto item = queue_.Pop()) {
+  while (auto item = queue_.Pop(IdleWait())) {
+    if (item->is_idle()) {
+      CallGuarded([this] { CatchUp(); }, report);
+      continue;
+    }
+    may_catch_up_ = IsLive(node_options_);
     if (item->input) {
       ProcessOrDrop(*item->input, item->overtaken ? &MapperWorker::ProcessOvertaken : &MapperWorker::Process);
     } else {
-      CallGuarded(item->command, report);
+      CallGuarded(*item->command, report);
     }
   }
   // The device's memory goes in a thread that has used it.
   mapper_.reset();
   output_engine_.reset();
   engine_.reset();
+}
+
+std::optional<double> MapperWorker::IdleWait() const {
+  if (!may_catch_up_ || !mapper_) return std::nullopt;
+  const std::lock_guard<std::mutex> lock(status_mutex_);
+  return pace_.WaitFor(SteadySeconds(), catch_up_s_);
+}
+
+void MapperWorker::CatchUp() {
+  Timer timer;
+  may_catch_up_ = false;  // nor after a failure
+  may_catch_up_ = mapper_->CatchUp();
+  constexpr double kForget = 0.9;
+  if (may_catch_up_) catch_up_s_ = std::max(kForget * catch_up_s_, 1e-3 * timer.Lap());
+  UpdateStatus([&](WorkerStatus* status) { status->left_out = mapper_->left_out(); });
+}
+
+void MapperWorker::WarmUp() {
+  constexpr int kWidth = 128, kHeight = 96;
+  DenseMapperOptions options = options_->Get().mapper;
+  options.poses.refine = RefinePoses::kOff;
+  options.fallback_depth_range = {1, 4};
+  DenseMapper mapper(engine_.get(), options, {}, output_engine_.get(), &stop_);
+  std::minstd_rand random;
+  ColorImage image(kWidth, kHeight);
+  for (Rgb& pixel : image) pixel.r = pixel.g = pixel.b = static_cast<unsigned char>(random() >> 16);
+  const PinholeCamera camera = {kWidth, kHeight, kWidth, kWidth, 0.5 * kWidth, 0.5 * kHeight};
+  for (int i = 0; i < options.max_source_views + 2; ++i) {
+    RigidTransform pose = RigidTransform::Identity();
+    pose.translation().x() = 0.2 * i;
+    mapper.AddKeyframe(std::make_shared<const Frame>(MakeFrame(i, i, image.Clone(), camera, pose, {}, kWidth, {}, {})));
+  }
+  mapper.Flush();
 }
 
 void MapperWorker::ProcessOrDrop(const KeyframeInput& input, void (MapperWorker::*process)(const KeyframeInput&)) {
@@ -230,8 +313,11 @@ void MapperWorker::MakeMapper() {
     const bool on_cpu = node_options_.device == Device::kCpu || !backend.fallback_reason.empty();
     const std::string preset = UsedPreset(node_options_, on_cpu);
     if (preset == kAutoPreset) hooks_.on_setting(auto_preset_.emplace(), "");
-    mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, outputs_->MakeCallbacks(),
-                                            output_engine_.get(), &stop_);
+    if (!on_cpu) WarmUp();
+    DenseMapperOptions options = options_->Get().mapper;
+    options.live = IsLive(node_options_);
+    mapper_ =
+        std::make_unique<DenseMapper>(engine_.get(), options, outputs_->MakeCallbacks(), output_engine_.get(), &stop_);
     UpdateStatus([&](WorkerStatus* status) {
       status->ready = true;
       status->on_cpu = on_cpu;
@@ -248,6 +334,7 @@ void MapperWorker::MakeMapper() {
 void MapperWorker::UseOptions() {
   RuntimeOptions options = options_->Get();
   options.mapper.refine_again = options.mapper.refine_again && outputs_->maps() > 0;
+  options.mapper.live = IsLive(node_options_);
   mapper_->set_options(options.mapper);
   outputs_->set_min_depth_confidence(options.min_depth_confidence);
 }
@@ -296,6 +383,8 @@ void MapperWorker::Process(const KeyframeInput& input) {
     status->camera_errors = camera_errors;
     is_new_offset = checks.stamp_offset_s && !status->pose_checks.stamp_offset_s;
     status->pose_checks = checks;
+    status->left_out = mapper_->left_out();
+    scene_depth_ = mapper_->scene_depth();
     status->keyframe_ms = keyframe_ms;
   });
   if (is_new_offset) outputs_->Report({"stamp_offset", DescribeStampOffset(*checks.stamp_offset_s)});

@@ -119,6 +119,31 @@ TEST_F(InputsTest, ImagesWaitForTheExtrinsicAndAreMappedWhenItComes) {
   EXPECT_TRUE(mapper.WaitForLog({"T_body_cam is taken from topic extrinsic"})) << "the choice is logged";
 }
 
+// A camera that hardly moves from each view to the next image: until matches have told the depth all are keyframes.
+TEST_F(InputsTest, WithoutPointsTheGateKnowsTheDepthByMatches) {
+  constexpr size_t kGateViews = 8;
+  Mapper mapper("/gate", {{"keyframe_mode", std::string("gate")}});
+  const ScenePlayer& player = mapper.player;
+  ASSERT_TRUE(WaitForSubscriber(player.image) && WaitForSubscriber(player.pose) &&
+              WaitForSubscriber(player.camera_info));
+  for (ViewMessages view : MakeSmallScene(kGateViews, 1000, 160)) {
+    for (const double later_s : {0.0, 0.01}) {
+      SetStamp(view.image.header.stamp + ros::Duration(later_s), &view);
+      view.pose.pose.position.x += 1e-4;
+      player.camera_info.publish(view.camera_info);
+      player.pose.publish(view.pose);
+      player.image.publish(view.image);
+    }
+  }
+  std::string told;  // "... = 8 refined + 0 dropped + 4 passed over + ..."
+  ASSERT_TRUE(mapper.Call("flush", &told));
+  const size_t end = told.find(" passed over");
+  ASSERT_NE(end, std::string::npos) << told;
+  const int passed_over = std::stoi(told.substr(told.rfind(' ', end - 1)));
+  EXPECT_GE(passed_over, 3) << told;
+  EXPECT_LE(passed_over, static_cast<int>(kGateViews)) << told;
+}
+
 // Rounded points give another depth range, which matching begins with: not the same bits, but the same depth.
 TEST_F(InputsTest, CompressedImagesInverseFluPosesAndPointsOfTheCameraThroughTheGate) {
   Mapper mapper("/odd", {{"image_transport", std::string("compressed")},

@@ -86,7 +86,7 @@ Result Feed(KeyframeIntake* intake, uint32_t stamp_s, double x, const SparseClou
 }
 
 KeyframeIntake MakeIntake(const NodeOptions& options = {}, double fallback_depth = 0) {
-  KeyframeIntake intake(options, KeyframeGateOptions(), fallback_depth);
+  KeyframeIntake intake(options, fallback_depth);
   intake.AddCameraInfo(MakeInfo());
   return intake;
 }
@@ -113,7 +113,7 @@ TEST(KeyframeIntake, KeepsAKeyframeWhosePointsAreNotUsed) {
 
 TEST(KeyframeIntake, NamesFramesThatHaveNone) {
   NodeOptions options;
-  KeyframeIntake nameless(options, KeyframeGateOptions(), 0);
+  KeyframeIntake nameless(options, 0);
   nameless.AddCameraInfo(MakeInfo(""));
   const Result result = Feed(&nameless, 5, 0, CloudAt(5, "", {{1, 2, 3}}), "", "");
   EXPECT_EQ(result.keyframes.at(0).camera_frame, "camera_optical");
@@ -129,7 +129,7 @@ TEST(KeyframeIntake, NamesFramesThatHaveNone) {
 
 /// A lens that is focused: poses come later than the next image's camera_info.
 TEST(KeyframeIntake, AnImageGetsTheCameraOfItsStamp) {
-  KeyframeIntake intake(NodeOptions(), KeyframeGateOptions(), 0);
+  KeyframeIntake intake(NodeOptions(), 0);
   for (uint32_t stamp_s = 5; stamp_s < 8; ++stamp_s) {
     sensor_msgs::CameraInfo info = MakeInfo();
     info.header.stamp = ros::Time(stamp_s, 0);
@@ -173,21 +173,14 @@ TEST(KeyframeIntake, RefusesACameraWhoseImagesWouldTakeTooMuchMemory) {
                         "must be at most 1 (memory_limit)"));
 }
 
-TEST(KeyframeIntake, GateMeasuresBaselinesByTheLandmarksOrTheFallbackDepth) {
-  NodeOptions options;
-  options.keyframe_mode = KeyframeMode::kGate;
-  for (const double scale : {0.01, 1.0, 100.0}) {
-    const bool fallback = scale == 1;
-    KeyframeIntake intake = MakeIntake(options, fallback ? 4 : 0);
-    const std::vector<Eigen::Vector3d> points = {{0, 0, 4 * scale}, {0, 0, 4 * scale}, {0, 0, -900 * scale}};
-    const auto chosen = [&](uint32_t stamp_s, double x) {
-      return Feed(&intake, stamp_s, x * scale, fallback ? nullptr : CloudAt(stamp_s, "map", points)).keyframes.size();
-    };
-    EXPECT_EQ(chosen(1, 0), 1u);
-    EXPECT_EQ(chosen(2, 0.079), 0u);
-    EXPECT_EQ(chosen(3, 0.081), 1u);
-    EXPECT_EQ(intake.not_chosen(), 1u);
-  }
+TEST(KeyframeIntake, SceneDepthIsThatOfTheLandmarksOrTheFallback) {
+  const std::vector<Eigen::Vector3d> points = {{0, 0, 4}, {0, 0, 4}, {0, 0, -900}};
+  KeyframeIntake intake = MakeIntake({}, 7);
+  EXPECT_EQ(Feed(&intake, 1, 0, nullptr).keyframes.at(0).scene_depth, 7);
+  EXPECT_EQ(Feed(&intake, 2, 0, CloudAt(2, "map", points)).keyframes.at(0).scene_depth, 4);
+  EXPECT_EQ(Feed(&intake, 3, 0, nullptr).keyframes.at(0).scene_depth, 4);
+  KeyframeIntake unknown = MakeIntake();
+  EXPECT_EQ(Feed(&unknown, 1, 0, nullptr).keyframes.at(0).scene_depth, 0);
 }
 
 /// Landmarks enough to compare, at this depth.
@@ -195,15 +188,6 @@ std::vector<Eigen::Vector3d> WallAt(double depth) {
   std::vector<Eigen::Vector3d> points;
   for (int i = 0; i < 100; ++i) points.emplace_back(0.02 * depth * (i % 10 - 5), 0.02 * depth * (i / 10 - 5), depth);
   return points;
-}
-
-TEST(KeyframeIntake, AfterAJumpOfTimeTheGateBeginsAnew) {
-  NodeOptions options;
-  options.keyframe_mode = KeyframeMode::kGate;
-  KeyframeIntake intake = MakeIntake(options, 2);
-  EXPECT_THAT(Feed(&intake, 50, 1, nullptr).keyframes, SizeIs(1));
-  EXPECT_THAT(Feed(&intake, 51, 1, nullptr).keyframes, IsEmpty()) << "it shows nothing new";
-  EXPECT_THAT(Feed(&intake, 5, 1, nullptr).keyframes, SizeIs(1)) << "the bag is played again";
 }
 
 TEST(KeyframeIntake, NothingOfAStartThatFailsIsUsed) {
@@ -420,7 +404,7 @@ NodeOptions WithSources(int cameras) {
 
 /// The one keyframe of a mapper whose source camera has this camera_info.
 Result FeedPair(const NodeOptions& options, const sensor_msgs::CameraInfo& right, const TransformLookup& lookup = {}) {
-  KeyframeIntake intake(options, KeyframeGateOptions(), 0, {{}, lookup});
+  KeyframeIntake intake(options, 0, {{}, lookup});
   intake.AddCameraInfo(MakeInfo("left"));
   EXPECT_EQ(ErrorOf([&] { intake.AddSourceCameraInfo(0, right); }) == "no error", right.K[0] > 0);
   const auto image = ImageAt(5, right.header.frame_id);

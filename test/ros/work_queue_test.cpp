@@ -11,45 +11,64 @@
 namespace acmp {
 namespace {
 
-using Queue = WorkQueue<int, std::shared_ptr<int>>;
+/// Its clock stands unless a test moves it.
+struct Queue : WorkQueue<int, std::shared_ptr<int>> {
+  explicit Queue(OverloadPolicy policy) : WorkQueue(policy, [this] { return now_s; }) {}
+  double now_s = 100;
+};
 
 int PopInput(Queue* queue, bool overtaken = false) {
   const auto item = queue->Pop();
-  EXPECT_EQ(item->overtaken, overtaken);
+  EXPECT_EQ(item->overtaken, overtaken) << item->input.value();
   return item->input.value();
 }
 
-TEST(WorkQueue, DropTakesGroupsOfNeighboursAndKeepsTheOthersAsOvertaken) {
+constexpr double kLong = 1.1 * kLongestWaitS;
+
+TEST(WorkQueue, AStallLosesNothing) {
   Queue queue(OverloadPolicy::kDrop);
-  for (int i = 0; i < 6; ++i) EXPECT_FALSE(queue.Push(i));
-  EXPECT_EQ(queue.waiting_inputs(), kInputGroup);
-  for (int i = 0; i < 4; ++i) EXPECT_EQ(PopInput(&queue), i);
-  EXPECT_FALSE(queue.Push(6)) << "the next group, while the last of the first is worked on";
+  const int count = static_cast<int>(kWaitingInputs + kInputGroup);
+  for (int i = 0; i < count; ++i) EXPECT_FALSE(queue.Push(i));
+  queue.now_s += 0.9 * kLongestWaitS;
+  for (int i = 0; i < count; ++i) EXPECT_EQ(PopInput(&queue), i);
+}
+
+TEST(WorkQueue, WhatHasWaitedLongIsOvertakenAfterAGroupOfNeighbours) {
+  Queue queue(OverloadPolicy::kDrop);
+  queue.Push(0);
+  EXPECT_EQ(PopInput(&queue), 0);
+  for (int i = 1; i < 7; ++i) queue.Push(i);
+  queue.now_s += kLong;
+  for (int i : {1, 2, 3}) EXPECT_EQ(PopInput(&queue), i) << "with 0 a group of " << kInputGroup;
   for (int i : {4, 5}) EXPECT_EQ(PopInput(&queue, true), i) << "in their order";
-  EXPECT_EQ(PopInput(&queue), 6);
+  queue.Push(7);
+  EXPECT_EQ(PopInput(&queue, true), 6);
+  queue.now_s += 0.5 * kLongestWaitS;
+  EXPECT_EQ(PopInput(&queue), 7) << "the next group";
 }
 
-TEST(WorkQueue, NothingIsOvertakenWhereTheWorkerKeepsUp) {
+TEST(WorkQueue, OfTooManyTheOldestAfterTheGroupGo) {
   Queue queue(OverloadPolicy::kDrop);
-  for (int i = 0; i < 20; ++i) {
-    queue.Push(i);
-    EXPECT_EQ(PopInput(&queue), i);
-  }
-}
-
-TEST(WorkQueue, OfTooManyOvertakenTheOldestGo) {
-  Queue queue(OverloadPolicy::kDrop);
-  const int kept = static_cast<int>(kInputGroup + kOvertakenInputs);
-  for (int i = 0; i < kept; ++i) EXPECT_FALSE(queue.Push(i));
-  EXPECT_EQ(queue.Push(kept), 4);
+  queue.Push(0);
+  EXPECT_EQ(PopInput(&queue), 0);
+  const int kept = 1 + static_cast<int>(kWaitingInputs + kInputGroup);
+  for (int i = 1; i < kept; ++i) EXPECT_FALSE(queue.Push(i));
+  EXPECT_EQ(queue.Push(kept), 4) << "1 to 3 belong to the group of 0";
   EXPECT_EQ(queue.Push(kept + 1), 5);
+  EXPECT_EQ(queue.waiting_inputs(), kWaitingInputs + kInputGroup);
+}
+
+TEST(WorkQueue, AnIdleItemWhereNothingComes) {
+  Queue queue(OverloadPolicy::kDrop);
+  EXPECT_TRUE(queue.Pop(0.001)->is_idle());
+  queue.Push(1);
+  EXPECT_EQ(queue.Pop(0.001)->input, 1);
 }
 
 TEST(WorkQueue, SkipIfBusyTakesOnlyWhenIdle) {
   Queue queue(OverloadPolicy::kSkipIfBusy);
   queue.Push(1);
   queue.Push(2);
-  EXPECT_EQ(queue.waiting_inputs(), 1u) << "one waits, the other was overtaken";
   EXPECT_EQ(PopInput(&queue), 1);
   queue.Push(3);
   for (int i : {2, 3}) EXPECT_EQ(PopInput(&queue, true), i) << "one was worked on";
@@ -75,7 +94,7 @@ TEST(WorkQueue, BlockWaitsForRoomAndAnyPolicyWhenAskedTo) {
 
 TEST(WorkQueue, CommandsKeepTheirPlaceOrComeFirstAndAreNeverDropped) {
   Queue queue(OverloadPolicy::kSkipIfBusy);
-  const auto pop_command = [&queue] { return *queue.Pop()->command; };
+  const auto pop_command = [&queue] { return **queue.Pop()->command; };
   queue.PushCommand(std::make_shared<int>(10));
   queue.Push(1);
   queue.PushCommand(std::make_shared<int>(20));

@@ -11,7 +11,6 @@
 
 #include "acmp_mapping/intake/convention_check.h"
 #include "acmp_mapping/intake/input_matcher.h"
-#include "acmp_mapping/intake/keyframe_gate.h"
 #include "acmp_mapping/intake/pose_semantics.h"
 #include "acmp_mapping/intake/world_tracker.h"
 #include "acmp_mapping/map/loop_correction.h"
@@ -59,13 +58,12 @@ struct NewWorld {
 
 using IntakeEvent = std::variant<KeyframeInput, TimeJump, NewWorld, RejectedInput, Notice>;
 
-/// From samples of the input streams to keyframes: matches them, places the clouds in the world and chooses keyframes.
-/// Knows messages but no topics. Not thread-safe.
+/// From samples of the input streams to posed images: matches them and places the clouds in the world. Knows messages
+/// but no topics. Not thread-safe.
 class KeyframeIntake {
  public:
   /// @param fallback_depth stands in for the scene's depth while no landmarks tell; 0 = unknown
-  KeyframeIntake(const NodeOptions& options, const KeyframeGateOptions& gate, double fallback_depth,
-                 const TransformSource& transforms = {});
+  KeyframeIntake(const NodeOptions& options, double fallback_depth, const TransformSource& transforms = {});
 
   /// @param arrival_s steady clock, for latencies
   void AddImage(std::shared_ptr<const EncodedImage> image, double arrival_s = 0);
@@ -82,7 +80,7 @@ class KeyframeIntake {
   void AddSourceCameraInfo(size_t camera, const sensor_msgs::CameraInfo& info) { sources_.AddCameraInfo(camera, info); }
   void set_clouds_expected(bool expected) { matcher_.set_clouds_expected(expected); }
   void set_companion_expected(size_t stream, bool expected) { matcher_.set_companion_expected(stream, expected); }
-  void set_gate(const KeyframeGateOptions& gate, double fallback_depth);
+  void set_fallback_depth(double fallback_depth) { fallback_depth_ = fallback_depth; }
 
   /// What has happened since the last call, in order; see InputMatcher.
   std::vector<IntakeEvent> Take(double now_s);
@@ -104,7 +102,6 @@ class KeyframeIntake {
   std::string DescribeWait(double now_s) const;
   const std::optional<PoseGap>& last_gap() const { return matcher_.last_gap(); }
   const PoseUse& pose_use() const { return matcher_.pose_use(); }
-  uint64_t not_chosen() const { return not_chosen_; }  ///< posed images that the gate passed over
   /// Share of the first keyframes' sparse points, 0..1; none before the first point.
   std::optional<double> share_in_front() const { return convention_check_.share_in_front(); }
   const std::string& convention_warning() const { return convention_check_.warning(); }
@@ -121,7 +118,6 @@ class KeyframeIntake {
   void RejectStarting(const std::string& reason, const std::string& message, std::vector<IntakeEvent>* events);
   /// Those that wait while the frontend starts are used.
   void UseStarting(std::vector<IntakeEvent>* events);
-  void ChooseKeyframe(KeyframeInput input, std::vector<IntakeEvent>* events);
   void StartOver();
   PathConvention MakePathConvention() const;
   /// Whether the cloud is in the camera's frame, else in the world's; none, and why in `events`, if that is not known.
@@ -136,7 +132,6 @@ class KeyframeIntake {
   SourceCameras sources_;
   PoseResolver resolver_;
   ConventionCheck convention_check_;
-  KeyframeGate gate_;
   WorldTracker world_;
   std::vector<KeyframeInput> starting_;  ///< wait for the frontend's world to settle
   std::vector<IntakeEvent> forgotten_;   ///< what Clear has to tell
@@ -146,8 +141,7 @@ class KeyframeIntake {
   CalibrationHistory calibrations_;
   std::string image_frame_;  ///< of the last image
   std::string child_frame_;  ///< of the last pose
-  uint64_t not_chosen_ = 0;
-  bool matched_ = false;  ///< an image has got its pose since the start
+  bool matched_ = false;     ///< an image has got its pose since the start
 };
 
 }  // namespace acmp

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <deque>
 #include <functional>
 #include <map>
@@ -11,6 +12,7 @@
 
 #include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/image/rectifier.h"
+#include "acmp_mapping/intake/keyframe_gate.h"
 #include "acmp_mapping/intake/rig_check.h"
 #include "acmp_mapping/mapping/auto_preset.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
@@ -35,10 +37,24 @@ struct WorkerStatus {
   double keyframe_ms = 0;       ///< the last keyframe in the matching thread, all in all
   std::string auto_preset;      ///< what preset: auto has chosen last and why; empty: nothing
   PoseChecks pose_checks;
+  LeftOut left_out;
   std::string distortion;     ///< what the images say of the calibration's distortion; empty: nothing
   std::string camera_errors;  ///< of less distortion
   std::string rig;            ///< what the images say of where source cameras lie; empty: nothing
   OutputStatus outputs;
+};
+
+/// When inputs come.
+class InputPace {
+ public:
+  /// @param now_s ascending, s
+  void Add(double now_s);
+  /// How long to wait before something is done that takes so long, so that it delays no input: 0 where it ends before
+  /// the next one is due, else until that is clearly late.
+  double WaitFor(double now_s, double takes_s) const;
+
+ private:
+  std::deque<double> newest_s_;
 };
 
 /// The one thread that matches: it makes the backend, prepares frames and drives the DenseMapper, which has threads of
@@ -64,7 +80,9 @@ class MapperWorker {
   MapperWorker(const MapperWorker&) = delete;
   MapperWorker& operator=(const MapperWorker&) = delete;
 
-  /// Queues a keyframe. With overload: block, waits for room.
+  /// Queues a posed image, with ~keyframe_mode: gate where the KeyframeGate takes it. With overload: block, waits for
+  /// room, and where only the mapper knows the scene's depth, until it has seen the keyframes before. Called by one
+  /// thread at a time.
   /// @param wait_for_room wait for it whatever overload says: nothing is lost
   void Push(KeyframeInput input, bool wait_for_room = false);
 
@@ -86,9 +104,14 @@ class MapperWorker {
   /// @param at_end of RigCheck
   void JudgeRigs(bool at_end);
   size_t queued() const { return queue_.waiting_inputs(); }
+  uint64_t not_chosen() const { return not_chosen_; }  ///< posed images that the gate passed over
 
  private:
   using Command = std::function<void()>;
+  bool IsKeyframe(const KeyframeInput& input);
+  void ResetGate();
+  /// The mapper forgets what it has.
+  void BeginRun();
   void Run();
   void MakeMapper();
   /// Gives the mapper the options of now. Better maps are for the map alone: without one it makes none.
@@ -99,6 +122,11 @@ class MapperWorker {
   void ProcessOrDrop(const KeyframeInput& input, void (MapperWorker::*process)(const KeyframeInput&));
   /// A keyframe that the mapper has no time for becomes a source view of others.
   void ProcessOvertaken(const KeyframeInput& input);
+  /// After which time without work there is time to catch up; none: there is nothing to catch up with.
+  std::optional<double> IdleWait() const;
+  void CatchUp();
+  /// Of a GPU: what is done once in a program, such as loading kernels, before the first keyframe comes.
+  void WarmUp();
   /// Of preset: auto, after a keyframe that took so long.
   void ChooseSetting(double keyframe_ms);
   /// A camera's images on their way to frames.
@@ -141,6 +169,10 @@ class MapperWorker {
   WorkerStatus status_;
   std::map<std::string, RigCheck> rig_checks_;  ///< by topic; the map grows under status_mutex_, and nothing leaves it
   std::deque<int64_t> newest_stamps_ns_;        ///< of keyframes that were queued, also of those that get no maps
+  InputPace pace_;                              ///< of the same
+  KeyframeGate gate_;
+  double scene_depth_ = 0;  ///< that the mapper knows; 0: none
+  std::atomic<uint64_t> not_chosen_{0};
 
   // Used by the worker thread alone.
   std::unique_ptr<DepthEngine> engine_;
@@ -150,7 +182,9 @@ class MapperWorker {
   Camera camera_;
   std::map<std::string, Camera> source_cameras_;  ///< by topic
   std::optional<AutoPreset> auto_preset_;
-  int64_t next_id_ = 0;  ///< never goes back, whatever stamps do
+  bool may_catch_up_ = false;  ///< something may have been put off
+  double catch_up_s_ = 0.01;   ///< what one thing of it takes
+  int64_t next_id_ = 0;        ///< never goes back, whatever stamps do
   uint64_t run_ = 0;
 
   std::thread thread_;  // last: it starts when everything above exists

@@ -1,8 +1,9 @@
 #pragma once
 
-#include <algorithm>
+#include <chrono>
 #include <condition_variable>
 #include <deque>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <utility>
@@ -11,15 +12,19 @@ namespace acmp {
 
 /// Which inputs are worked on when they come faster than they can be.
 enum class OverloadPolicy {
-  kDrop,        ///< groups of kInputGroup inputs in a row; what comes until they have been taken up is overtaken
+  kDrop,        ///< those that have waited for less than kLongestWaitS, in groups of at least kInputGroup in a row;
+                ///< the others are overtaken
   kSkipIfBusy,  ///< an input that comes while nothing waits and nothing is worked on; the others are overtaken
   kBlock,       ///< all: the caller waits, for recordings
 };
 
 constexpr size_t kBlockedInputs = 2;  ///< that wait with kBlock; more would only take memory
+/// What takes long once in a while delays inputs, and loses none: those that waited are caught up with.
+constexpr double kLongestWaitS = 0.5;
 /// Neighbours confirm each other's depth, which takes three of them; single keyframes far apart would have no points.
 constexpr size_t kInputGroup = 4;
-constexpr size_t kOvertakenInputs = 15;  ///< that wait at most: half of the default window, which they must not fill
+/// That wait at most, beside a group: half of the default window, which overtaken ones must not fill.
+constexpr size_t kWaitingInputs = 15;
 
 /// Hands inputs and commands to one worker thread in the order given, urgent commands before all else. Inputs are
 /// bounded by the policy, commands never wait for room and are never dropped. Thread-safe; all methods hold the one
@@ -29,28 +34,30 @@ class WorkQueue {
  public:
   struct Item {
     std::optional<Input> input;  ///< none: a command
-    Command command = {};
+    std::optional<Command> command = {};
     bool overtaken = false;  ///< there is no time for the input: the keyframe serves as a source view only
+    bool must_wait = false;  ///< never overtaken
+    double since_s = 0;      ///< when it was pushed
+
+    bool is_idle() const { return !input && !command; }
   };
 
-  explicit WorkQueue(OverloadPolicy policy) : policy_(policy) {}
+  /// @param now_s a steady clock, s
+  WorkQueue(OverloadPolicy policy, std::function<double()> now_s) : policy_(policy), now_s_(std::move(now_s)) {}
 
-  /// Returns the input that is not or no longer queued, if any: the oldest of too many overtaken ones, or, when the
-  /// queue was stopped, the new one itself.
+  /// Returns the input that is not or no longer queued, if any: of too many the oldest that does not belong to the
+  /// group that is worked on, or, when the queue was stopped, the new one itself.
   /// @param wait_for_room as with kBlock, whatever the policy
   std::optional<Input> Push(Input input, bool wait_for_room = false) {
     std::unique_lock<std::mutex> lock(mutex_);
     const bool takes_all = wait_for_room || policy_ == OverloadPolicy::kBlock;
     if (takes_all) room_.wait(lock, [this] { return stopped_ || inputs_ < kBlockedInputs; });
     if (stopped_) return input;
+    const bool skips = !takes_all && policy_ == OverloadPolicy::kSkipIfBusy && (inputs_ > 0 || working_);
+    items_.push_back({std::move(input), {}, skips, takes_all, now_s_()});
+    ++inputs_;
     std::optional<Input> dropped;
-    const bool has_time = takes_all || HasTime();
-    items_.push_back({std::move(input), {}, !has_time});
-    if (has_time) {
-      ++inputs_;
-    } else if (++overtaken_ > kOvertakenInputs) {
-      dropped = TakeOldestOvertaken();
-    }
+    if (!takes_all && inputs_ > kWaitingInputs + kInputGroup) dropped = TakeOldest();
     lock.unlock();
     work_.notify_one();
     return dropped;
@@ -61,7 +68,9 @@ class WorkQueue {
     {
       std::lock_guard<std::mutex> lock(mutex_);
       if (stopped_) return false;
-      items_.insert(urgent ? items_.begin() : items_.end(), Item{std::nullopt, std::move(command)});
+      Item item;
+      item.command = std::move(command);
+      items_.insert(urgent ? items_.begin() : items_.end(), std::move(item));
     }
     work_.notify_one();
     return true;
@@ -81,22 +90,27 @@ class WorkQueue {
         }
       }
       items_ = std::move(commands);
-      inputs_ = overtaken_ = 0;
+      inputs_ = 0;
     }
     room_.notify_all();
     return cleared;
   }
 
   /// Waits for work; none once the queue is stopped. The worker counts as working from here to its next call.
-  std::optional<Item> Pop() {
-    std::optional<Item> item;
+  /// @param longest_s an idle item where nothing has come for so long; none: waits for ever
+  std::optional<Item> Pop(std::optional<double> longest_s = std::nullopt) {
     std::unique_lock<std::mutex> lock(mutex_);
     working_ = false;
-    work_.wait(lock, [&] { return stopped_ || !items_.empty(); });
-    if (stopped_) return item;
-    item = std::move(items_.front());
+    const auto has_work = [this] { return stopped_ || !items_.empty(); };
+    if (!longest_s) work_.wait(lock, has_work);
+    if (longest_s && !work_.wait_for(lock, std::chrono::duration<double>(*longest_s), has_work)) return Item{};
+    if (stopped_) return std::nullopt;
+    Item item = std::move(items_.front());
     items_.pop_front();
-    if (item->input) --(item->overtaken ? overtaken_ : inputs_);
+    if (item.input) {
+      --inputs_;
+      if (policy_ == OverloadPolicy::kDrop && !item.must_wait) item.overtaken = !HasTime(item);
+    }
     working_ = true;
     lock.unlock();
     room_.notify_all();
@@ -110,7 +124,7 @@ class WorkQueue {
       std::lock_guard<std::mutex> lock(mutex_);
       stopped_ = true;
       discarded.swap(items_);
-      inputs_ = overtaken_ = 0;
+      inputs_ = 0;
     }
     work_.notify_all();
     room_.notify_all();
@@ -122,29 +136,41 @@ class WorkQueue {
   }
 
  private:
-  /// Whether a new input is worked on; not asked with kBlock.
-  bool HasTime() {
-    if (policy_ == OverloadPolicy::kSkipIfBusy) return inputs_ == 0 && !working_;
-    if (inputs_ == 0) group_ = 0;
-    return group_++ < kInputGroup;
+  /// Whether an input is worked on that has its turn now. One in time begins a group anew.
+  bool HasTime(const Item& item) {
+    if (now_s_() - item.since_s <= kLongestWaitS) {
+      left_of_group_ = kInputGroup - 1;
+      return true;
+    }
+    if (left_of_group_ == 0) return false;
+    --left_of_group_;
+    return true;
   }
 
-  Input TakeOldestOvertaken() {
-    const auto oldest = std::find_if(items_.begin(), items_.end(), [](const Item& item) { return item.overtaken; });
+  /// After those that still belong to the group.
+  Input TakeOldest() {
+    size_t kept = policy_ == OverloadPolicy::kDrop ? left_of_group_ : 0;
+    auto oldest = items_.begin();
+    for (;; ++oldest) {
+      if (!oldest->input || oldest->must_wait) continue;
+      if (policy_ == OverloadPolicy::kSkipIfBusy && !oldest->overtaken) continue;
+      if (kept == 0) break;
+      --kept;
+    }
     Input input = std::move(*oldest->input);
     items_.erase(oldest);
-    --overtaken_;
+    --inputs_;
     return input;
   }
 
   const OverloadPolicy policy_;
+  const std::function<double()> now_s_;
   mutable std::mutex mutex_;
   std::condition_variable work_;
   std::condition_variable room_;
   std::deque<Item> items_;
-  size_t inputs_ = 0;     ///< that wait, without the overtaken ones
-  size_t overtaken_ = 0;  ///< that wait
-  size_t group_ = 0;      ///< inputs that came since none waited
+  size_t inputs_ = 0;                   ///< that wait
+  size_t left_of_group_ = kInputGroup;  ///< inputs that are worked on although they have waited long
   bool working_ = false;
   bool stopped_ = false;
 };
