@@ -2,7 +2,6 @@
 
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_invoke.h>
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <chrono>
@@ -10,6 +9,7 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/thread_limit.h"
 #include "acmp_mapping/keyframe/source_view_selection.h"
 #include "bundle_refinement.h"
 #include "matching.h"
@@ -275,7 +275,7 @@ struct PoseRefiner::Impl {
 
   const PoseRefinementOptions options;
   const bool live;
-  tbb::task_arena arena{std::min(kPoseRefinementThreads, tbb::this_task_arena::max_concurrency())};
+  ThreadLimit threads{kPoseRefinementThreads};
   ImageBundle window;  ///< of the keyframes, in their order
   Bundle& bundle = window.bundle;
   std::vector<ViewPose> refined;  ///< by resection; of keyframes that are fixed by now, when they were last free
@@ -296,7 +296,7 @@ PoseRefiner::PoseRefiner(const PoseRefinementOptions& options, bool live) {
 PoseRefiner::~PoseRefiner() = default;
 
 bool PoseRefiner::Add(const Frame& frame, const DepthRange& range) {
-  return impl_->arena.execute([&] { return impl_->Add(frame, range); });
+  return impl_->threads.Run([&] { return impl_->Add(frame, range); });
 }
 
 void PoseRefiner::RemoveOldest() {
@@ -319,7 +319,7 @@ void PoseRefiner::RemoveOldest() {
 }
 
 PoseRefinement PoseRefiner::Refine() {
-  return impl_->arena.execute([&] { return impl_->Refine(); });
+  return impl_->threads.Run([&] { return impl_->Refine(); });
 }
 
 void PoseRefiner::Reset() {

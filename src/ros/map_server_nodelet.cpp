@@ -18,6 +18,7 @@
 #include <pluginlib/class_list_macros.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/thread_limit.h"
 #include "acmp_mapping/map/find_transform.h"
 #include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/ros/checked_messages.h"
@@ -235,7 +236,7 @@ class MapServerNodelet : public NodeletBase {
       const KeyframePointsHead head = ReadHead(message, options_.memory_limit_bytes());
       CountMessage(head.key.mapper, message);
       CheckFrame(head.key.mapper, head.world_frame);
-      AddKeyframe(head, message);
+      adding_limit_.Run([&] { AddKeyframe(head, message); });
       ++unsaved_keyframes_;
     } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
       Report({"bad_keyframe", Concat(NameOf(message), ": ", error.what())});
@@ -280,7 +281,7 @@ class MapServerNodelet : public NodeletBase {
       return Report({"keyframe_twice", Concat("keyframe ", head.key.id, " of ", head.key.mapper,
                                               " has come already: have two mappers the same name?")});
     }
-    looking_thread_.Queue([this] { map_->LookAroundNext(); });
+    looking_thread_.Queue([this] { looking_limit_.Run([this] { map_->LookAroundNext(); }); });
     path_frame_ = head.pose.path_frame;
     newest_stamp_ns_ = head.pose.stamp_ns;
     map_output_->SetHeader(world_frame_, newest_stamp_ns_);
@@ -364,6 +365,8 @@ class MapServerNodelet : public NodeletBase {
 
   MapServerOptions options_;
   CallbackThread occupancy_thread_{report_failure_}, looking_thread_{report_failure_};
+  static constexpr int kThreads = 2;  ///< each of what follows: mappers have work to do
+  ThreadLimit adding_limit_{kThreads}, looking_limit_{kThreads};
   std::unique_ptr<ImageStore> images_;
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<MapOutput> map_output_;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <exception>
 #include <future>
+#include <limits>
 #include <random>
 #include <utility>
 
@@ -12,6 +13,7 @@
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/memory_limit.h"
+#include "acmp_mapping/common/thread_limit.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/image/image_processing.h"
@@ -238,17 +240,16 @@ void MapperWorker::Run() {
         if (!outputs_->is_stopping()) hooks_.on_device(status());
       },
       report);
+  // A GPU leaves short loops over an image to the CPU.
+  constexpr int kThreadsBesideGpu = 4, kAll = std::numeric_limits<int>::max();
+  ThreadLimit threads(status().on_cpu ? kAll : kThreadsBesideGpu);
   while (auto item = queue_.Pop(IdleWait())) {
-    if (item->is_idle()) {
-      CallGuarded([this] { CatchUp(); }, report);
-      continue;
-    }
-    may_catch_up_ = IsLive(node_options_);
-    if (item->input) {
+    threads.Run([&] {
+      if (item->is_idle()) return CallGuarded([this] { CatchUp(); }, report);
+      may_catch_up_ = IsLive(node_options_);
+      if (item->command) return CallGuarded(*item->command, report);
       ProcessOrDrop(*item->input, item->overtaken ? &MapperWorker::ProcessOvertaken : &MapperWorker::Process);
-    } else {
-      CallGuarded(*item->command, report);
-    }
+    });
   }
   // The device's memory goes in a thread that has used it.
   mapper_.reset();

@@ -93,7 +93,7 @@ ACMP_FUZZ_TARGET(image_message) {
 ACMP_FUZZ_TARGET(keyframe) {
   NodeOptions options;
   options.keyframe_mode = KeyframeMode::kExternal;
-  KeyframeIntake intake(options, {}, 0);
+  KeyframeIntake intake(options, 0);
   for (int i = 0; i < 2; ++i) {
     const auto keyframe = Take<acmp_mapping::Keyframe>(&bytes);
     fuzz::MayRefuse([&] { intake.AddKeyframe(keyframe); });

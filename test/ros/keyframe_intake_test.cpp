@@ -276,7 +276,7 @@ TEST(KeyframeIntake, DroppedImagesSayWhatTheyLacked) {
         Case{TfOptions(), "", "no_pose", "~camera_frame"}, Case{BodyOptions(), "cam", "no_extrinsic", "~T_body_cam"}}) {
     FakeTf tf;
     missing.options.matcher.image_capacity = 1;
-    KeyframeIntake intake(missing.options, {}, 0, tf.source());
+    KeyframeIntake intake(missing.options, 0, tf.source());
     intake.AddCameraInfo(MakeInfo(""));
     for (const uint32_t stamp_s : {5, 6}) {
       if (missing.reason == "no_extrinsic") intake.AddPose(PoseAt(stamp_s, 0));
@@ -292,7 +292,7 @@ TEST(KeyframeIntake, DroppedImagesSayWhatTheyLacked) {
 
 TEST(IntakeFromTf, SaysWhatImagesWaitForBeforeAnyIsDropped) {
   FakeTf tf;
-  KeyframeIntake intake(TfOptions(), {}, 0, tf.source());
+  KeyframeIntake intake(TfOptions(), 0, tf.source());
   intake.set_clouds_expected(false);
   EXPECT_EQ(intake.DescribeWait(100), "") << "no image, no wait";
   intake.AddImage(ImageAt(5), 100);
@@ -365,7 +365,7 @@ NodeOptions External() {
 }
 
 TEST(IntakeOfKeyframes, TakesCompressedImagesToo) {
-  KeyframeIntake intake(External(), {}, 0);
+  KeyframeIntake intake(External(), 0);
   const auto keyframe = MakeKeyframe(5);
   keyframe->image = sensor_msgs::Image();
   keyframe->compressed_image.header.frame_id = "jpeg_cam";
@@ -377,7 +377,7 @@ TEST(IntakeOfKeyframes, TakesCompressedImagesToo) {
 }
 
 TEST(IntakeOfKeyframes, TakesAllOrNothing) {
-  KeyframeIntake intake(External(), {}, 0);
+  KeyframeIntake intake(External(), 0);
   const auto bad_pose = MakeKeyframe(5);
   bad_pose->pose.orientation.w = 2;
   EXPECT_THROW(intake.AddKeyframe(bad_pose), InvalidInputError);
