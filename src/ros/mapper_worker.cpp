@@ -248,6 +248,8 @@ void MapperWorker::Run() {
       if (item->is_idle()) return CallGuarded([this] { CatchUp(); }, report);
       may_catch_up_ = IsLive(node_options_);
       if (item->command) return CallGuarded(*item->command, report);
+      constexpr double kForget = 0.95;  // or one thing that took long would be the last
+      catch_up_s_ *= kForget;
       ProcessOrDrop(*item->input, item->overtaken ? &MapperWorker::ProcessOvertaken : &MapperWorker::Process);
     });
   }
@@ -267,8 +269,7 @@ void MapperWorker::CatchUp() {
   Timer timer;
   may_catch_up_ = false;  // nor after a failure
   may_catch_up_ = mapper_->CatchUp();
-  constexpr double kForget = 0.9;
-  if (may_catch_up_) catch_up_s_ = std::max(kForget * catch_up_s_, 1e-3 * timer.Lap());
+  if (may_catch_up_) catch_up_s_ = std::max(catch_up_s_, 1e-3 * timer.Lap());
   UpdateStatus([&](WorkerStatus* status) { status->left_out = mapper_->left_out(); });
 }
 

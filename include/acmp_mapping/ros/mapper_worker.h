@@ -183,7 +183,7 @@ class MapperWorker {
   std::map<std::string, Camera> source_cameras_;  ///< by topic
   std::optional<AutoPreset> auto_preset_;
   bool may_catch_up_ = false;  ///< something may have been put off
-  double catch_up_s_ = 0.01;   ///< what one thing of it takes
+  double catch_up_s_ = 0.01;   ///< the longest that one thing of it has taken lately
   int64_t next_id_ = 0;        ///< never goes back, whatever stamps do
   uint64_t run_ = 0;
 
