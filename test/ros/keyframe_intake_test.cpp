@@ -470,7 +470,7 @@ TEST(SourceCamerasTest, PThatIsOfAnotherPairIsNotTakenSilently) {
 class SourceCameraStream {
  public:
   explicit SourceCameraStream(const TransformSource& transforms = {})
-      : intake_(WithSources(1), KeyframeGateOptions(), 0, transforms) {
+      : intake_(WithSources(1), 0, transforms) {
     intake_.AddCameraInfo(MakeInfo("left"));
   }
   void AddInfo(double stamp_s, double fx) {
