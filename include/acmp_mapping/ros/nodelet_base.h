@@ -15,15 +15,8 @@
 
 namespace acmp {
 
-class MasterWatch;
-
-/// What dense_mapper and map_server have alike: how they start and stop, their threads, services and warnings. Where
-/// the ROS master was restarted, they register with the new one.
+/// What dense_mapper and map_server have alike: how they start and stop, their threads, services and warnings.
 class NodeletBase : public nodelet::Nodelet {
- public:
-  NodeletBase();
-  ~NodeletBase() override;
-
  protected:
   /// Attaches everything to the threads, which run afterwards. What it throws ends the loading of the nodelet.
   virtual void Start() = 0;
@@ -77,8 +70,6 @@ class NodeletBase : public nodelet::Nodelet {
 
  private:
   void onInit() final;
-
-  std::unique_ptr<MasterWatch> master_watch_;
 };
 
 }  // namespace acmp
