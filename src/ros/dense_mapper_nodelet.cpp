@@ -199,11 +199,12 @@ class DenseMapperNodelet : public NodeletBase {
     }
     if (!status.on_cpu) return;
     const std::string size = options_.max_image_size > 0 ? Concat(options_.max_image_size, " px") : "the size as sent";
-    NODELET_INFO("preset %s, images of at most %s (~max_image_size); %s", status.preset.c_str(), size.c_str(),
-                 options_.overload == OverloadPolicy::kBlock
-                     ? "the input waits for the CPU (~overload: block), so that nothing is lost"
-                     : "keyframes that come faster than the CPU maps them get no maps; with ~overload: block a "
-                       "recording loses nothing");
+    NODELET_INFO(
+        "preset %s, images of at most %s (~max_image_size); %s", status.preset.c_str(), size.c_str(),
+        options_.overload == OverloadPolicy::kBlock
+            ? "the input waits for the CPU (~overload: block) in a quarter of the memory, so that nothing is lost"
+            : "keyframes that come faster than the CPU maps them get no maps; with ~overload: block a "
+              "recording loses nothing");
   }
 
   void MakeIntake(const RuntimeOptions& runtime_options) {
@@ -270,7 +271,7 @@ class DenseMapperNodelet : public NodeletBase {
     blocked_s_ += SteadySeconds() - start_s;
   }
 
-  void Dispatch(IntakeEvent event, bool wait_for_room) {
+  void Dispatch(IntakeEvent event, bool must_wait) {
     if (auto* drop = std::get_if<RejectedInput>(&event)) return Report(*drop);
     if (auto* notice = std::get_if<Notice>(&event)) {
       if (notice->warning && publisher_->readings().verdict().text.empty()) {  // images tell more than points in view
@@ -293,7 +294,7 @@ class DenseMapperNodelet : public NodeletBase {
       return worker_->StartOver();
     }
     ++matched_;
-    worker_->Push(std::move(std::get<KeyframeInput>(event)), wait_for_room);
+    worker_->Push(std::move(std::get<KeyframeInput>(event)), must_wait);
   }
 
   /// Finishes what was published before the call; says what that was.
@@ -333,12 +334,13 @@ class DenseMapperNodelet : public NodeletBase {
 
   std::string Reset() {
     {
+      std::lock_guard<std::mutex> delivery_lock(delivery_mutex_);  // what came before is in the queue, not on its way
       std::lock_guard<std::mutex> lock(intake_mutex_);
       intake_->Clear();
     }
     const std::string failure = worker_->Reset();
     publisher_->readings().Clear();
-    Deliver();  // the drops; only now, since a full queue might have blocked it
+    Deliver();  // the drops
     Expect(failure);
     return "buffers and window are empty";
   }
@@ -434,7 +436,8 @@ class DenseMapperNodelet : public NodeletBase {
   std::atomic<bool> reading_wanted_{false};
 
   std::mutex delivery_mutex_;
-  /// Spent in a blocking queue: while it blocks no cloud can come in, so the clock of the wait for clouds stands still.
+  /// Spent in MapperWorker::Push: while it blocks no cloud can come in, so the clock of the wait for clouds stands
+  /// still.
   double blocked_s_ = 0;
   mutable std::mutex intake_mutex_;
   std::unique_ptr<TfLookup> tf_;

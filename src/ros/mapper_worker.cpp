@@ -64,6 +64,18 @@ constexpr size_t kPaceKeyframes = 11;
 /// Of a camera: nothing may make keyframes wait. A recording that waits gives the same maps again.
 bool IsLive(const NodeOptions& options) { return options.overload != OverloadPolicy::kBlock; }
 
+size_t BytesOf(const std::shared_ptr<const EncodedImage>& image) {
+  if (!image) return 0;
+  return image->raw ? image->raw->data.size() : image->compressed->data.size();
+}
+
+/// What an input holds on to.
+size_t BytesOf(const KeyframeInput& input) {
+  size_t bytes = BytesOf(input.image) + BytesOf(input.mask) + BytesOf(input.prior_depth);
+  for (const SourceImage& source : input.source_images) bytes += BytesOf(source.image);
+  return bytes + input.landmarks_in_world.size() * sizeof(Eigen::Vector3d);
+}
+
 /// Mean time between stamps; none where there are too few to tell.
 std::optional<double> MeanInterval(const std::deque<int64_t>& stamps_ns) {
   constexpr size_t kFewest = 3;
@@ -95,7 +107,7 @@ MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions*
       fixed_mask_(std::move(fixed_mask)),
       outputs_(outputs),
       hooks_(std::move(hooks)),
-      queue_(node_options.overload, SteadySeconds),
+      queue_(node_options.overload, static_cast<size_t>(1e9 * DefaultMemoryLimitGb()), SteadySeconds),
       run_(NewRun()),
       thread_([this] { Run(); }) {}
 
@@ -121,7 +133,7 @@ bool MapperWorker::IsKeyframe(const KeyframeInput& input) {
   return gate_.Accept(input.world_from_cam, input.calibration->camera, depth);
 }
 
-void MapperWorker::Push(KeyframeInput input, bool wait_for_room) {
+void MapperWorker::Push(KeyframeInput input, bool must_wait) {
   if (!IsKeyframe(input)) {
     ++not_chosen_;
     return;
@@ -133,11 +145,16 @@ void MapperWorker::Push(KeyframeInput input, bool wait_for_room) {
     if (newest_stamps_ns_.size() > kPaceKeyframes) newest_stamps_ns_.pop_front();
     pace_.Add(SteadySeconds());
   }
-  const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input), wait_for_room);
+  const size_t bytes = BytesOf(input);
+  const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input), bytes, must_wait);
   if (!dropped) return;
-  outputs_->Report({"overload",
-                    Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)", kWhenBusy),
-                    true});
+  const std::string why =
+      must_wait || !IsLive(node_options_)
+          ? Concat(": images of ", DefaultMemoryLimitGb(),
+                   " GB, a quarter of the memory, wait for the mapper already: play the recording more slowly "
+                   "(rosbag play -r), or set a smaller max_image_size")
+          : Concat(": the mapper is busy (~overload)", kWhenBusy);
+  outputs_->Report({"overload", Concat("keyframe ", FormatStamp(dropped->stamp_ns), why), true});
 }
 
 std::string MapperWorker::Flush() {

@@ -13,7 +13,8 @@ namespace {
 
 /// Its clock stands unless a test moves it.
 struct Queue : WorkQueue<int, std::shared_ptr<int>> {
-  explicit Queue(OverloadPolicy policy) : WorkQueue(policy, [this] { return now_s; }) {}
+  explicit Queue(OverloadPolicy policy) : WorkQueue(policy, 100, [this] { return now_s; }) {}
+  std::optional<int> Push(int input, bool must_wait = false) { return WorkQueue::Push(input, 40, must_wait); }
   double now_s = 100;
 };
 
@@ -78,17 +79,21 @@ TEST(WorkQueue, SkipIfBusyTakesOnlyWhenIdle) {
   EXPECT_EQ(PopInput(&queue, true), 4) << "a command is work as well";
 }
 
-TEST(WorkQueue, BlockWaitsForRoomAndAnyPolicyWhenAskedTo) {
+TEST(WorkQueue, BlockTakesWhatFitsIntoMemoryAndSoDoesAnyPolicyWhenAskedTo) {
   for (const OverloadPolicy policy : {OverloadPolicy::kBlock, OverloadPolicy::kDrop, OverloadPolicy::kSkipIfBusy}) {
     const bool asked = policy != OverloadPolicy::kBlock;
     Queue queue(policy);
+    queue.now_s = 0;
     EXPECT_FALSE(queue.Push(1, asked));
     EXPECT_FALSE(queue.Push(2, asked));
-    std::thread pusher([&] { EXPECT_FALSE(queue.Push(3, asked)); });
+    EXPECT_EQ(queue.Push(3, asked), 3) << "120 of 100 bytes; nobody waits, whom a reset would have to wake";
     EXPECT_EQ(PopInput(&queue), 1);
-    pusher.join();  // hangs if nobody wakes it
-    EXPECT_EQ(PopInput(&queue), 2);
-    EXPECT_EQ(PopInput(&queue), 3);
+    queue.now_s += kLong;
+    EXPECT_FALSE(queue.Push(4, asked));
+    EXPECT_EQ(queue.ClearInputs(), (std::deque<int>{2, 4})) << "all that came before";
+    EXPECT_FALSE(queue.WorkQueue::Push(5, 1000, asked)) << "one always may";
+    EXPECT_EQ(queue.Push(6, asked), 6);
+    EXPECT_EQ(PopInput(&queue), 5);
   }
 }
 
@@ -114,9 +119,8 @@ TEST(WorkQueue, StopWakesEverybodyAndDiscards) {
   const std::weak_ptr<int> watch = command;
   queue.PushCommand(std::move(command));
   queue.Push(2);
-  std::thread pusher([&] { EXPECT_EQ(queue.Push(3), 3); });
   queue.Stop();
-  pusher.join();
+  EXPECT_EQ(queue.Push(3), 3);
   EXPECT_TRUE(watch.expired()) << "who waits for a command must learn that it will not run";
   EXPECT_FALSE(queue.Pop());
   EXPECT_FALSE(queue.PushCommand(nullptr));

@@ -80,11 +80,11 @@ class MapperWorker {
   MapperWorker(const MapperWorker&) = delete;
   MapperWorker& operator=(const MapperWorker&) = delete;
 
-  /// Queues a posed image, with ~keyframe_mode: gate where the KeyframeGate takes it. With overload: block, waits for
-  /// room, and where only the mapper knows the scene's depth, until it has seen the keyframes before. Called by one
-  /// thread at a time.
-  /// @param wait_for_room wait for it whatever overload says: nothing is lost
-  void Push(KeyframeInput input, bool wait_for_room = false);
+  /// Queues a posed image, with ~keyframe_mode: gate where the KeyframeGate takes it. With overload: block all that fit
+  /// into a quarter of the memory; where only the mapper knows the scene's depth, it waits until that has seen the
+  /// keyframes before. Called by one thread at a time.
+  /// @param must_wait whatever overload says: nothing is lost that fits into memory
+  void Push(KeyframeInput input, bool must_wait = false);
 
   /// Finishes all keyframes queued and pending: they have been published. Empty when done, else why not.
   std::string Flush();

@@ -15,10 +15,9 @@ enum class OverloadPolicy {
   kDrop,        ///< those that have waited for less than kLongestWaitS, in groups of at least kInputGroup in a row;
                 ///< the others are overtaken
   kSkipIfBusy,  ///< an input that comes while nothing waits and nothing is worked on; the others are overtaken
-  kBlock,       ///< all: the caller waits, for recordings
+  kBlock,       ///< all that fit into memory: for recordings
 };
 
-constexpr size_t kBlockedInputs = 2;  ///< that wait with kBlock; more would only take memory
 /// What takes long once in a while delays inputs, and loses none: those that waited are caught up with.
 constexpr double kLongestWaitS = 0.5;
 /// Neighbours confirm each other's depth, which takes three of them; single keyframes far apart would have no points.
@@ -26,9 +25,9 @@ constexpr size_t kInputGroup = 4;
 /// That wait at most, beside a group: half of the default window, which overtaken ones must not fill.
 constexpr size_t kWaitingInputs = 15;
 
-/// Hands inputs and commands to one worker thread in the order given, urgent commands before all else. Inputs are
-/// bounded by the policy, commands never wait for room and are never dropped. Thread-safe; all methods hold the one
-/// mutex for a moment only, and no callback runs inside.
+/// Hands inputs and commands to one worker thread in the order given, urgent commands before all else. Nobody waits to
+/// put something in. Inputs are bounded by the policy, commands are never dropped. Thread-safe; all methods hold the
+/// one mutex for a moment only, and no callback runs inside.
 template <class Input, class Command>
 class WorkQueue {
  public:
@@ -38,24 +37,27 @@ class WorkQueue {
     bool overtaken = false;  ///< there is no time for the input: the keyframe serves as a source view only
     bool must_wait = false;  ///< never overtaken
     double since_s = 0;      ///< when it was pushed
+    size_t bytes = 0;        ///< that the input takes
 
     bool is_idle() const { return !input && !command; }
   };
 
+  /// @param max_bytes of all inputs that wait, where the policy takes all; one always may
   /// @param now_s a steady clock, s
-  WorkQueue(OverloadPolicy policy, std::function<double()> now_s) : policy_(policy), now_s_(std::move(now_s)) {}
+  WorkQueue(OverloadPolicy policy, size_t max_bytes, std::function<double()> now_s)
+      : policy_(policy), max_bytes_(max_bytes), now_s_(std::move(now_s)) {}
 
   /// Returns the input that is not or no longer queued, if any: of too many the oldest that does not belong to the
-  /// group that is worked on, or, when the queue was stopped, the new one itself.
-  /// @param wait_for_room as with kBlock, whatever the policy
-  std::optional<Input> Push(Input input, bool wait_for_room = false) {
+  /// group that is worked on; the new one itself where there are too many bytes, or when the queue was stopped.
+  /// @param bytes that it takes
+  /// @param must_wait as with kBlock, whatever the policy
+  std::optional<Input> Push(Input input, size_t bytes, bool must_wait = false) {
     std::unique_lock<std::mutex> lock(mutex_);
-    const bool takes_all = wait_for_room || policy_ == OverloadPolicy::kBlock;
-    if (takes_all) room_.wait(lock, [this] { return stopped_ || inputs_ < kBlockedInputs; });
-    if (stopped_) return input;
+    const bool takes_all = must_wait || policy_ == OverloadPolicy::kBlock;
+    if (stopped_ || (takes_all && inputs_ > 0 && bytes_ + bytes > max_bytes_)) return input;
     const bool skips = !takes_all && policy_ == OverloadPolicy::kSkipIfBusy && (inputs_ > 0 || working_);
-    items_.push_back({std::move(input), {}, skips, takes_all, now_s_()});
-    ++inputs_;
+    items_.push_back({std::move(input), {}, skips, takes_all, now_s_(), bytes});
+    Count(items_.back());
     std::optional<Input> dropped;
     if (!takes_all && inputs_ > kWaitingInputs + kInputGroup) dropped = TakeOldest();
     lock.unlock();
@@ -79,20 +81,17 @@ class WorkQueue {
   /// Takes out all waiting inputs, those that were overtaken too; commands stay.
   std::deque<Input> ClearInputs() {
     std::deque<Input> cleared;
-    {
-      std::lock_guard<std::mutex> lock(mutex_);
-      std::deque<Item> commands;
-      for (Item& item : items_) {
-        if (item.input) {
-          cleared.push_back(std::move(*item.input));
-        } else {
-          commands.push_back(std::move(item));
-        }
+    std::lock_guard<std::mutex> lock(mutex_);
+    std::deque<Item> commands;
+    for (Item& item : items_) {
+      if (item.input) {
+        cleared.push_back(std::move(*item.input));
+      } else {
+        commands.push_back(std::move(item));
       }
-      items_ = std::move(commands);
-      inputs_ = 0;
     }
-    room_.notify_all();
+    items_ = std::move(commands);
+    inputs_ = bytes_ = 0;
     return cleared;
   }
 
@@ -108,12 +107,10 @@ class WorkQueue {
     Item item = std::move(items_.front());
     items_.pop_front();
     if (item.input) {
-      --inputs_;
+      Uncount(item);
       if (policy_ == OverloadPolicy::kDrop && !item.must_wait) item.overtaken = !HasTime(item);
     }
     working_ = true;
-    lock.unlock();
-    room_.notify_all();
     return item;
   }
 
@@ -124,10 +121,9 @@ class WorkQueue {
       std::lock_guard<std::mutex> lock(mutex_);
       stopped_ = true;
       discarded.swap(items_);
-      inputs_ = 0;
+      inputs_ = bytes_ = 0;
     }
     work_.notify_all();
-    room_.notify_all();
   }
 
   size_t waiting_inputs() const {
@@ -158,18 +154,21 @@ class WorkQueue {
       --kept;
     }
     Input input = std::move(*oldest->input);
+    Uncount(*oldest);
     items_.erase(oldest);
-    --inputs_;
     return input;
   }
 
+  void Count(const Item& item) { ++inputs_, bytes_ += item.bytes; }
+  void Uncount(const Item& item) { --inputs_, bytes_ -= item.bytes; }
+
   const OverloadPolicy policy_;
+  const size_t max_bytes_;
   const std::function<double()> now_s_;
   mutable std::mutex mutex_;
   std::condition_variable work_;
-  std::condition_variable room_;
   std::deque<Item> items_;
-  size_t inputs_ = 0;                   ///< that wait
+  size_t inputs_ = 0, bytes_ = 0;       ///< that wait
   size_t left_of_group_ = kInputGroup;  ///< inputs that are worked on although they have waited long
   bool working_ = false;
   bool stopped_ = false;
