@@ -20,24 +20,21 @@ AlongWeights WeightsAround(size_t middle, size_t reach, size_t count) {
   return {middle - std::min(middle, reach - 1), std::min(middle + reach, count), middle, reach};
 }
 
-/// As FitSimilarity. The noise of a baseline has a part in its square, but none in its product with the one that begins
-/// a pose later, as they have no pose in common.
 template <class Weight>
 double BaselineScale(const std::vector<PosePair>& poses, size_t begin, size_t end, const Weight& weight) {
-  double to_along = 0, from_along = 0;
-  const size_t gap = std::min(kBaseline, end - begin - 2);
-  for (size_t i = begin, j = begin + gap; j + 1 < end; ++i, ++j) {
+  double products = 0, squares = 0;
+  const size_t gap = std::min(kBaseline, end - begin - 1);
+  for (size_t i = begin, j = begin + gap; j < end; ++i, ++j) {
     // In the first pose's axes: whoever drifts turns, too.
-    const auto baseline = [](const auto& a, const auto& b, const auto& axes) -> Eigen::Vector3d {
-      return axes.linear().transpose() * (b.translation() - a.translation());
+    const auto baseline = [&](const RigidTransform& a, const RigidTransform& b) -> Eigen::Vector3d {
+      return a.linear().transpose() * (b.translation() - a.translation());
     };
-    const RigidTransform &from_axes = poses[i].from, &to_axes = poses[i].to;
-    const Eigen::Vector3d along = baseline(poses[i + 1].from, poses[j + 1].from, from_axes);
+    const Eigen::Vector3d from = baseline(poses[i].from, poses[j].from), to = baseline(poses[i].to, poses[j].to);
     const double w = std::min(weight(i), weight(j));
-    to_along += w * along.dot(baseline(poses[i].to, poses[j].to, to_axes));
-    from_along += w * along.dot(baseline(poses[i].from, poses[j].from, from_axes));
+    products += w * from.dot(to);
+    squares += w * from.squaredNorm();
   }
-  return to_along > 0 && from_along > 0 ? to_along / from_along : 1;
+  return products > 0 && squares > 0 ? products / squares : 1;
 }
 
 /// Mean rotation and mean place of poses [begin, end), each with its weight.

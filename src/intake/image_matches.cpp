@@ -32,13 +32,13 @@ FeatureImage FindFeatures(const SmallImage& image) {
   return features;
 }
 
-std::vector<PixelMatch> MatchFeatures(const FeatureImage& one, const FeatureImage& other) {
+std::vector<FeatureMatch> MatchFeatures(const FeatureImage& one, const FeatureImage& other) {
   constexpr float kUnique = 0.8f;  // Lowe's ratio
   std::vector<std::vector<cv::DMatch>> candidates;
   if (!one.descriptors.empty() && !other.descriptors.empty()) {
     cv::BFMatcher(cv::NORM_HAMMING).knnMatch(one.descriptors, other.descriptors, candidates, 2);
   }
-  std::vector<PixelMatch> matches;
+  std::vector<FeatureMatch> matches;
   for (const std::vector<cv::DMatch>& nearest : candidates) {
     if (nearest.size() < 2 || nearest[0].distance > kUnique * nearest[1].distance) continue;
     matches.push_back({static_cast<size_t>(nearest[0].queryIdx), static_cast<size_t>(nearest[0].trainIdx)});

@@ -262,7 +262,7 @@ std::vector<MatchedImages> ReadingCheck::Match(const std::vector<SmallImage>& sm
       constexpr double kSamePlace = 1e-9;  // of a camera that stands matches say nothing
       if ((other.cam_from_world * one.cam_from_world.inverse()).translation().norm() < kSamePlace) continue;
       MatchedImages pair = {{}, {}, one.cam_from_world.inverse(), other.cam_from_world, other.camera.fx};
-      for (const PixelMatch& match : MatchFeatures(one, other)) {
+      for (const FeatureMatch& match : MatchFeatures(one, other)) {
         pair.rays.emplace_back(one.camera.Unproject(one.pixels[match.one], 1));
         pair.other_rays.emplace_back(other.camera.Unproject(other.pixels[match.other], 1));
       }

@@ -110,7 +110,7 @@ std::vector<std::optional<double>> KnownDepths(const FeatureImage& image,
   std::vector<std::optional<double>> depths(image.pixels.size());
   if (before) {
     const RigidTransform before_from_image = before->cam_from_world * image.cam_from_world.inverse();
-    for (const PixelMatch& match : MatchFeatures(image, *before)) {
+    for (const FeatureMatch& match : MatchFeatures(image, *before)) {
       depths[match.one] = Triangulated(before_from_image, image.camera.Unproject(image.pixels[match.one], 1),
                                        before->camera.Unproject(before->pixels[match.other], 1), before->camera.fx);
     }
@@ -226,7 +226,7 @@ RigMatches RigCheck::Match() const {
     const FeatureImage other = FindFeatures(pair.other);
     const std::vector<std::optional<double>> depths = KnownDepths(image, pair.landmarks_in_world, before);
     if (!IsSamePlace(source_from_cam, all.source_from_cam)) break;  // on a joint: those before it moved tell
-    for (const PixelMatch& match : MatchFeatures(image, other)) {
+    for (const FeatureMatch& match : MatchFeatures(image, other)) {
       all.rays.emplace_back(image.camera.Unproject(image.pixels[match.one], 1));
       all.other_rays.emplace_back(other.camera.Unproject(other.pixels[match.other], 1));
       all.depths.push_back(depths[match.one]);

@@ -111,7 +111,7 @@ Similarity LaterFromEarlier(const KeyframePose& later, const CorrectedPose& late
 
 }  // namespace
 
-std::vector<KeyframeKey> MapStore::Around(const KeyframeKey& key, int64_t since_ns) const {
+std::vector<KeyframeKey> MapStore::Around(const KeyframeKey& key) const {
   constexpr double kSameDirection = 0.3;  // cosine: within 70 degrees they can see the same
   std::vector<std::pair<double, KeyframeKey>> around;
   const auto found = keyframes_.find(key);
@@ -121,8 +121,8 @@ std::vector<KeyframeKey> MapStore::Around(const KeyframeKey& key, int64_t since_
   for (const auto& [other_key, other] : keyframes_) {
     const RigidTransform& there = other.pose.world_from_cam;
     const double distance = (here.translation() - there.translation()).norm();
-    if (other_key == key || other.pose.stamp_ns < since_ns || other.points_in_camera->empty() ||
-        distance > added.scale * added.reach || here.linear().col(2).dot(there.linear().col(2)) < kSameDirection) {
+    if (other_key == key || other.points_in_camera->empty() || distance > added.scale * added.reach ||
+        here.linear().col(2).dot(there.linear().col(2)) < kSameDirection) {
       continue;
     }
     around.emplace_back(distance, other_key);
@@ -141,34 +141,24 @@ bool MapStore::LookAroundNext() {
     Keyframe keyframe;
     std::shared_ptr<const PointCloud> points_before;
   };
-  // The keyframe whose look it is, as it was then, and those around it.
-  std::vector<Looked> all;
-  bool is_replaced = false;
+  std::vector<Looked> all(1);  // the keyframe that looks, as it was added, and those around it
   double voxel_size = 0;
   {
     std::lock_guard<std::mutex> lock(mutex_);
     if (to_look_.empty()) return false;
     const ToLook due = std::move(to_look_.front());
     to_look_.pop_front();
-    is_replaced = due.around.empty();
     voxel_size = VoxelSize();
-    const auto add = [&](const Keyframe& keyframe, const Shown& shown) {
-      all.push_back({shown.key, keyframe, shown.points_in_camera});
-      all.back().keyframe.as_sent = shown.as_sent;
-      all.back().keyframe.points_in_camera = shown.points_in_camera;
-    };
-    const Keyframe& own = keyframes_.at(due.keyframe.key);
-    add(own, due.keyframe);
-    all[0].keyframe.later_views.reset();
+    const Keyframe& found = keyframes_.at(due.key);
+    all[0].key = due.key;
+    all[0].keyframe.pose = found.pose;
+    all[0].keyframe.as_sent = due.as_sent;
+    all[0].keyframe.points_in_camera = all[0].points_before = due.points_in_camera;
     for (const KeyframeKey& other : due.around) {
       const auto neighbour = keyframes_.find(other);
-      // At one that was replaced since then it looks again anyway.
-      if (neighbour == keyframes_.end() || neighbour->second.points_arrival > own.arrival) continue;
+      // One that was replaced since then would have forgotten this look.
+      if (neighbour == keyframes_.end() || neighbour->second.points_arrival > found.arrival) continue;
       all.push_back({other, neighbour->second, neighbour->second.points_in_camera});
-    }
-    for (const Shown& later : due.later) {
-      const auto neighbour = keyframes_.find(later.key);
-      if (neighbour != keyframes_.end()) add(neighbour->second, later);
     }
   }
   const auto seen_by = [&](const Keyframe& keyframe) {
@@ -184,12 +174,12 @@ bool MapStore::LookAroundNext() {
     earlier->points_in_camera = std::move(points);
     earlier->later_views = std::move(views);
   };
-  Keyframe& own = all[0].keyframe;
-  const SurfaceMaps seen = is_replaced ? SurfaceMaps{} : seen_by(own);
+  Keyframe& added = all[0].keyframe;
+  const SurfaceMaps seen = seen_by(added);
   for (size_t i = 1; i < all.size(); ++i) {
     Keyframe& other = all[i].keyframe;
-    if (other.pose.stamp_ns < own.pose.stamp_ns) take(seen, own, &other);
-    if (other.pose.stamp_ns > own.pose.stamp_ns) take(seen_by(other), other, &own);
+    if (other.pose.stamp_ns < added.pose.stamp_ns) take(seen, added, &other);
+    if (other.pose.stamp_ns > added.pose.stamp_ns) take(seen_by(other), other, &added);
   }
   std::lock_guard<std::mutex> lock(mutex_);
   for (Looked& looked : all) {

@@ -111,8 +111,8 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
   ApplyPath();
   Evict();
   ThinImages(&inserted);
-  std::vector<KeyframeKey> around = Around(key, std::numeric_limits<int64_t>::min());
-  if (!around.empty()) to_look_.push_back({{key, pose, inserted.points_in_camera}, std::move(around), {}});
+  std::vector<KeyframeKey> around = Around(key);
+  if (!around.empty()) to_look_.push_back({key, pose, inserted.points_in_camera, std::move(around)});
   ++version_;
   return true;
 }
@@ -188,12 +188,6 @@ bool MapStore::Replace(const KeyframeKey& key, const KeyframePose& pose, const P
   points = std::move(thinned.points);
   keyframe->second.later_views.reset();
   keyframe->second.points_arrival = arrivals_++;
-  ToLook to_look = {{key, keyframe->second.as_sent, points}, {}, {}};
-  for (const KeyframeKey& other : Around(key, corrected.stamp_ns + 1)) {
-    const Keyframe& later = keyframes_.at(other);
-    to_look.later.push_back({other, later.as_sent, later.points_in_camera});
-  }
-  if (!to_look.later.empty()) to_look_.push_back(std::move(to_look));
   ++statistics_.replaced;
   ++version_;
   return true;
@@ -294,7 +288,7 @@ size_t MapStore::EraseIf(const Predicate& is_to_go) {
 
 MapStore::Keyframes::iterator MapStore::Erase(Keyframes::const_iterator keyframe) {
   statistics_.points -= keyframe->second.points_in_camera->size();
-  const auto has_gone = [&](const ToLook& look) { return look.keyframe.key == keyframe->first; };
+  const auto has_gone = [&](const ToLook& look) { return look.key == keyframe->first; };
   const auto left = std::remove_if(to_look_.begin(), to_look_.end(), has_gone);
   statistics_.never_looked += left == to_look_.end() ? 0 : 1;
   to_look_.erase(left, to_look_.end());

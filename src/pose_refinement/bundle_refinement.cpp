@@ -141,7 +141,7 @@ struct Fits {
 };
 
 /// Of a sighting from the epipolar line of the anchor's pixel, px.
-double EpipolarDistance(const Landmark& landmark, const PinholeCamera& anchor_camera, const ViewPose& anchor,
+double FromEpipolarLine(const Landmark& landmark, const PinholeCamera& anchor_camera, const ViewPose& anchor,
                         const Eigen::Vector2d& pixel, const PinholeCamera& camera, const ViewPose& view) {
   const Eigen::Vector3d at_infinity =
       view.rotation * (anchor.rotation.conjugate() * anchor_camera.Unproject(landmark.pixel));
@@ -160,7 +160,7 @@ void Collect(const Bundle& bundle, const std::vector<ViewPose>& poses, Fits* fit
     const auto anchor = static_cast<size_t>(landmark.anchor);
     for (const Sighting& sighting : landmark.sightings) {
       const auto view = static_cast<size_t>(sighting.view);
-      const double distance = EpipolarDistance(landmark, bundle.cameras[anchor], poses[anchor], sighting.pixel,
+      const double distance = FromEpipolarLine(landmark, bundle.cameras[anchor], poses[anchor], sighting.pixel,
                                                bundle.cameras[view], poses[view]);
       if (!std::isfinite(distance)) continue;  // no baseline, no line
       const int gap = std::abs(sighting.view - landmark.anchor);

@@ -47,9 +47,9 @@ double ShareOfNeighbours(const std::vector<FramePtr>& frames) {
       const RigidTransform image_from_before = image.cam_from_world * before->cam_from_world.inverse();
       constexpr double kSamePlace = 1e-9;  // of a camera that stands matches say nothing
       const bool stands = image_from_before.translation().norm() < kSamePlace;
-      std::vector<PixelMatch> matches = MatchFeatures(*before, image);
+      std::vector<FeatureMatch> matches = MatchFeatures(*before, image);
       if (stands || matches.size() < kFewestOfPair) matches.clear();
-      for (const PixelMatch& match : matches) {
+      for (const FeatureMatch& match : matches) {
         ++all;
         near += EpipolarDistance(image_from_before, before->camera.Unproject(before->pixels[match.one], 1),
                                  image.camera.Unproject(image.pixels[match.other], 1), image.camera.fx) < 1;

@@ -293,22 +293,6 @@ TEST(Similarity, TakesNoDriftForAScale) {
   EXPECT_NEAR(FitSimilarity(poses).scale, 1, 0.003);
 }
 
-/// Steps of 1 cm, and noise of 2 mm in each coordinate of both centres. By least squares along the noisy baselines
-/// themselves the scale would be 1.5 % too small.
-TEST(Similarity, TheScaleOfASlowCameraIsNotShrunkByNoise) {
-  std::mt19937 random(1);
-  std::normal_distribution<double> noise(0, 0.002);
-  const auto noisy = [&](int i) {
-    RigidTransform pose = OnLine(i);
-    pose.translation() = 0.1 * pose.translation() + Eigen::Vector3d(noise(random), noise(random), noise(random));
-    return pose;
-  };
-  std::vector<PosePair> poses;
-  for (int i = 0; i < 3000; ++i) poses.push_back({noisy(i), noisy(i)});
-  // 3000 products of baselines of 4 cm with errors of 3 mm: a standard deviation of 0.1 to 0.2 %.
-  EXPECT_NEAR(FitSimilarity(poses).scale, 1, 0.005);
-}
-
 TEST(PlaceAlong, PutsEachWorldWhereItsKeyframesWere) {
   std::vector<TrajectoryKeyframe> keyframes;
   for (int i = 0; i < 20; ++i) {

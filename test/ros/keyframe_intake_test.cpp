@@ -469,8 +469,7 @@ TEST(SourceCamerasTest, PThatIsOfAnotherPairIsNotTakenSilently) {
 /// A mapper with a source camera that gets images at 1, 2, ... s.
 class SourceCameraStream {
  public:
-  explicit SourceCameraStream(const TransformSource& transforms = {})
-      : intake_(WithSources(1), 0, transforms) {
+  explicit SourceCameraStream(const TransformSource& transforms = {}) : intake_(WithSources(1), 0, transforms) {
     intake_.AddCameraInfo(MakeInfo("left"));
   }
   void AddInfo(double stamp_s, double fx) {

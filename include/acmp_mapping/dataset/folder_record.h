@@ -20,8 +20,8 @@ class FolderRecord {
 
   const std::map<std::string, std::optional<uintmax_t>>& files() const { return files_; }  ///< "depth/000001.pfm"
 
-  /// Throws InvalidInputError that names a listed file that is no longer what we wrote: a link, pipe or folder, or below
-  /// a link.
+  /// Throws InvalidInputError that names a listed file that is no longer what we wrote: a link, pipe or folder, or
+  /// below a link.
   void CheckUnchanged() const;
   /// Lists files before they are written. Throws InvalidInputError that names the first one whose name is taken: by
   /// what is not listed, or has changed.

@@ -28,12 +28,10 @@ struct PosePair {
 constexpr size_t kMinForSimilarity = 4;
 
 /// The similarity that takes poses of a trajectory, in its order, from their first world to their second: mean of the
-/// rotations and of the centres, and the scale by the baselines from each pose to the fourth after it. Noise of the
-/// centres does not change it, also where the camera is slow: a baseline is compared along the one that begins a pose
-/// later, whose noise is another (an instrumental variable), and not along itself, as least squares do. Least squares
-/// of all centres would take a drift of the trajectory for a scale (1 % for a headset's tracker whose baselines are
-/// right to 0.1 %). A trajectory may be straight, so that its centres alone do not tell the rotation. The identity for
-/// fewer than kMinForSimilarity poses; scale 1 where the baselines do not tell it.
+/// rotations and of the centres, and the scale by least squares of the baselines from each pose to the fourth after it.
+/// Least squares of all centres would take a drift of the trajectory for a scale (1 % for a headset's tracker whose
+/// baselines are right to 0.1 %). A trajectory may be straight, so that its centres alone do not tell the rotation. The
+/// identity for fewer than kMinForSimilarity poses; scale 1 where the baselines do not tell it.
 Similarity FitSimilarity(const std::vector<PosePair>& poses);
 
 /// How far along a trajectory AlignAlong looks, poses to each side: for the place, and for the scale.

@@ -28,10 +28,10 @@ struct FeatureImage {
 FeatureImage FindFeatures(const SmallImage& image);
 
 /// Places in the lists of pixels of two images that look alike, and like no other pixel (Lowe's ratio test).
-struct PixelMatch {
+struct FeatureMatch {
   size_t one = 0, other = 0;
 };
-std::vector<PixelMatch> MatchFeatures(const FeatureImage& one, const FeatureImage& other);
+std::vector<FeatureMatch> MatchFeatures(const FeatureImage& one, const FeatureImage& other);
 
 /// Errors of good poses and matches, px.
 double NearLine(double focal_length);

@@ -111,7 +111,7 @@ struct MapSession {
 struct MapStatistics {
   size_t keyframes = 0;
   size_t points = 0;                             ///< held, all keyframes together
-  size_t yet_to_look = 0;                        ///< looks that LookAroundNext has not come to
+  size_t yet_to_look = 0;                        ///< keyframes that LookAroundNext has not come to
   double voxel_size = 0;                         ///< in use; 0 = not known yet
   double smallest_scale = 1, largest_scale = 1;  ///< that loop closures gave keyframes, and 1
   // Since the last Clear:
@@ -173,9 +173,8 @@ MapCloud CloudOf(const PlacedKeyframes& map);
 /// whenever the map is read: so later keyframes and loop closures also tell where earlier ones lie.
 ///
 /// Points learn from the keyframes that are added after them, or were before with a later stamp: what later ones look
-/// through leaves the map (TakeLaterView). Each keyframe looks once, at as many as kMaxLookedAt around it; at points
-/// that are replaced as many later ones look again. That takes longer than to add a keyframe, and may be done later
-/// (LookAroundNext): the map comes to be the same.
+/// through leaves the map (TakeLaterView). Each keyframe looks once, at as many as kMaxLookedAt around it. That takes
+/// longer than to add it, and may be done later (LookAroundNext): the map comes to be the same.
 ///
 /// The map does not depend on the order in which keyframes of different mappers come, but for what the limits of the
 /// options evict and the voxel size that the first keyframe chooses.
@@ -193,9 +192,8 @@ class MapStore {
   /// Better points of a keyframe in the map, and the refined pose that they belong to, if there is one: of `pose` only
   /// that is taken. False, and nothing is changed, where the keyframe is not there (any more). Throws as Add.
   bool Replace(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera);
-  /// The oldest look that is due: a keyframe that was added looks at the points of those around it that are earlier,
-  /// and later ones at its own, or at those that replaced them (TakeLaterView). In any one thread. False when none was
-  /// left.
+  /// Lets the keyframe that was added first, of those that have not, look at the points of those around it that are
+  /// earlier, and later ones at its own (TakeLaterView). In any one thread. False when none was left.
   bool LookAroundNext();
   void Clear();
 
@@ -234,17 +232,12 @@ class MapStore {
   uint64_t version() const;
 
  private:
-  /// What a keyframe shows: it may be replaced before somebody looks.
-  struct Shown {
+  /// What LookAroundNext needs of a keyframe as it was added: it may be replaced before.
+  struct ToLook {
     KeyframeKey key;
     KeyframePose as_sent;
     std::shared_ptr<const PointCloud> points_in_camera;
-  };
-  /// A look that is due.
-  struct ToLook {
-    Shown keyframe;
-    std::vector<KeyframeKey> around;  ///< of one that was added: at most kMaxLookedAt
-    std::vector<Shown> later;         ///< of one that was replaced: likewise
+    std::vector<KeyframeKey> around;  ///< at most kMaxLookedAt
   };
   struct Keyframe {
     uint64_t arrival = 0;
@@ -284,8 +277,7 @@ class MapStore {
   ThinnedPoints Thinned(const PointCloud& points) const;
 
   // All of these need the mutex.
-  /// At most kMaxLookedAt. @param since_ns those of earlier stamps do not count
-  std::vector<KeyframeKey> Around(const KeyframeKey& key, int64_t since_ns) const;
+  std::vector<KeyframeKey> Around(const KeyframeKey& key) const;
   double MaxDistance() const;  ///< from Origin
   /// Of the local coordinates: about where the first keyframe stands. @param world_from_cam of the first one to come
   Eigen::Vector3d Origin(double voxel_size, const RigidTransform& world_from_cam = RigidTransform::Identity()) const;
