@@ -60,7 +60,7 @@ double TypicalDepth(const DepthRange& range);
 /// The reference may be among them: it has no baseline. Throws InvalidInputError for a depth that is not positive and
 /// finite.
 /// @param typical_depth z > 0, scene units
-/// @param landmarks of the reference; of many some are taken
+/// @param landmarks of the reference; of many some are taken; none online
 /// @param max_source_views of the selection, 1..kMaxSelectedViews
 SourceViewSelection SelectSourceViews(const PosedCamera& reference, double typical_depth,
                                       const std::vector<ObservedLandmark>& landmarks,
