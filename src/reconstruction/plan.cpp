@@ -56,25 +56,15 @@ std::vector<int> SourcesOfDataset(const Scene& scene, const ImagePlan& plan, con
 /// Source views of the images for which the dataset names none, among all of these.
 void ChooseSourceViews(const Scene& scene, int max_sources, std::vector<ImagePlan>* images) {
   std::vector<SourceViewCandidate> candidates;
-  std::vector<std::vector<size_t>> observers(scene.landmarks_in_world.size());
-  for (size_t i = 0; i < images->size(); ++i) {
-    const SceneImage& image = scene.images[static_cast<size_t>((*images)[i].index)];
+  for (const ImagePlan& plan : *images) {
+    const SceneImage& image = scene.images[static_cast<size_t>(plan.index)];
     candidates.push_back({{image.camera, image.cam_from_world}});
-    for (int landmark : image.landmark_indices) observers[static_cast<size_t>(landmark)].push_back(i);
   }
   tbb::parallel_for(size_t{0}, images->size(), [&](size_t i) {
     ImagePlan& plan = (*images)[i];
-    const SceneImage& image = scene.images[static_cast<size_t>(plan.index)];
     const double depth = TypicalDepth(plan.range);  // 0: no image has a range
-    if (!image.ranked_sources.empty() || !(depth > 0)) return;
-    std::vector<ObservedLandmark> landmarks;
-    for (int index : image.landmark_indices) {
-      const Eigen::Vector3d& point = scene.landmarks_in_world[static_cast<size_t>(index)];
-      const std::vector<size_t>& all = observers[static_cast<size_t>(index)];
-      if (all.size() < 2 || DepthInView(point, image.camera, image.cam_from_world) <= 0) continue;
-      landmarks.push_back({point, all});
-    }
-    for (const auto& view : SelectSourceViews(candidates[i].view, depth, landmarks, candidates, max_sources).views) {
+    if (!scene.images[static_cast<size_t>(plan.index)].ranked_sources.empty() || !(depth > 0)) return;
+    for (const auto& view : SelectSourceViews(candidates[i].view, depth, candidates, max_sources).views) {
       plan.sources.push_back((*images)[view.index].index);
     }
   });

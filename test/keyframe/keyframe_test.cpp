@@ -190,7 +190,7 @@ SourceViewSelection Select(const std::vector<PosedCamera>& views, int max_source
   std::vector<SourceViewCandidate> candidates;
   candidates.reserve(views.size());
   for (const PosedCamera& view : views) candidates.push_back({view});
-  return SelectSourceViews(reference, depth, {}, candidates, max_source_views);
+  return SelectSourceViews(reference, depth, candidates, max_source_views);
 }
 
 std::vector<size_t> Indices(const SourceViewSelection& selection) {
@@ -250,51 +250,10 @@ TEST(SelectSourceViewsTest, PenalisesAnotherResolution) {
 
 TEST(SelectSourceViewsTest, TakesViewsOfAHigherPriorityFirst) {
   std::vector<SourceViewCandidate> candidates = {{OnArc(7)}, {OnArc(2), 1}, {OnArc(-7)}, {OnArc(2.5), 1}};
-  const SourceViewSelection all = SelectSourceViews(OnArc(0), kRadius, {}, candidates, 10);
+  const SourceViewSelection all = SelectSourceViews(OnArc(0), kRadius, candidates, 10);
   EXPECT_THAT(Indices(all), ElementsAre(3, 1, 2, 0));
   EXPECT_EQ(all.num_useful, 4);
-  EXPECT_THAT(Indices(SelectSourceViews(OnArc(0), kRadius, {}, candidates, 3)), ElementsAre(3, 1, 2));
-}
-
-/// Landmarks on a grid of 5 x 5 pixels of the reference, at a depth.
-std::vector<ObservedLandmark> LandmarksAt(double depth, const std::vector<size_t>& others) {
-  const PosedCamera reference = OnArc(0);
-  std::vector<ObservedLandmark> landmarks;
-  for (int i = 0; i < 25; ++i) {
-    const Eigen::Vector2d pixel((0.3 + 0.1 * (i % 5)) * reference.camera.width,
-                                (0.3 + 0.1 * (i / 5)) * reference.camera.height);
-    landmarks.push_back({reference.cam_from_world.inverse() * reference.camera.Unproject(pixel, depth), others});
-  }
-  return landmarks;
-}
-
-TEST(SelectSourceViewsTest, TakesViewsThatObserveItsLandmarks) {
-  const std::vector<SourceViewCandidate> candidates = {{OnArc(7)},  {OnArc(-7)}, {OnArc(6)},
-                                                       {OnArc(-6)}, {OnArc(8)},  {OnArc(-8)}};
-  EXPECT_EQ(SelectSourceViews(OnArc(0), kRadius, {}, candidates, 10).views.size(), 6u);
-  // A wall hides from the first two what the reference sees.
-  const auto of_four = LandmarksAt(kRadius, {2, 3, 4, 5});
-  EXPECT_THAT(Indices(SelectSourceViews(OnArc(0), kRadius, of_four, candidates, 10)),
-              testing::UnorderedElementsAre(2, 3, 4, 5));
-  // Two that share landmarks are too few, then all count that see the grid.
-  EXPECT_EQ(SelectSourceViews(OnArc(0), kRadius, LandmarksAt(kRadius, {2, 3}), candidates, 10).views.size(), 6u);
-  // They are enough where no more are wanted than share landmarks.
-  EXPECT_THAT(Indices(SelectSourceViews(OnArc(0), kRadius, LandmarksAt(kRadius, {2, 3}), candidates, 2)),
-              ElementsAre(2, 3));
-}
-
-TEST(SelectSourceViewsTest, NearLandmarksTakeTheStereoPartner) {
-  // Landmarks at a fifth of the typical depth: a camera 0.1 m to the side sees them under 7 degrees, the typical depth
-  // under 1.4, as one at an angle of 7 degrees sees them under more than 30.
-  const auto beside = [](double x) {
-    PosedCamera view = OnArc(0);
-    view.cam_from_world.translation().x() -= x;
-    return view;
-  };
-  const std::vector<SourceViewCandidate> candidates = {{OnArc(7)}, {beside(0.1)}, {OnArc(-7)}, {beside(-0.1)}};
-  EXPECT_THAT(Indices(SelectSourceViews(OnArc(0), kRadius, {}, candidates, 2)), ElementsAre(0, 2));
-  EXPECT_THAT(Indices(SelectSourceViews(OnArc(0), kRadius, LandmarksAt(0.2 * kRadius, {0, 1, 2, 3}), candidates, 2)),
-              ElementsAre(1, 3));
+  EXPECT_THAT(Indices(SelectSourceViews(OnArc(0), kRadius, candidates, 3)), ElementsAre(3, 1, 2));
 }
 
 TEST(SelectSourceViewsTest, TakesViewsAheadThatSeeOnlyTheBorderAtAnAngle) {
