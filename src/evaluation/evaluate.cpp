@@ -1,12 +1,9 @@
 #include "acmp_mapping/evaluation/evaluate.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <optional>
-#include <regex>
 #include <utility>
 
 #include <opencv2/imgproc.hpp>
@@ -19,70 +16,6 @@ namespace acmp {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::optional<int> LastNumber(const std::string& text) {
-  static const std::regex pattern("([0-9]+)[^0-9]*$");
-  std::smatch number;
-  if (!std::regex_search(text, number, pattern)) return {};
-  const std::string digits = number[1];
-  int value = 0;
-  const bool fits = std::from_chars(digits.data(), digits.data() + digits.size(), value).ec == std::errc();
-  return fits ? std::make_optional(value) : std::nullopt;
-}
-
-std::vector<fs::path> SortedEntries(const fs::path& folder) {
-  std::vector<fs::path> entries;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-    if (entry.path().filename().string().front() != '.') entries.push_back(entry.path());
-  }
-  std::sort(entries.begin(), entries.end());
-  return entries;
-}
-
-// The output of the public ACMP program.
-std::map<int, fs::path> FindAcmpOutput(const std::vector<fs::path>& entries, const std::string& name) {
-  const std::vector<std::string> candidates =
-      name.empty() ? std::vector<std::string>{"depths_geom.dmb", "depths_prior.dmb", "depths.dmb"}
-                   : std::vector<std::string>{name};
-  std::map<int, fs::path> found;
-  for (const fs::path& folder : entries) {
-    const auto index = LastNumber(folder.filename().string());
-    for (const std::string& candidate : candidates) {
-      if (!index || !fs::exists(folder / candidate)) continue;
-      found[*index] = folder / candidate;
-      break;
-    }
-  }
-  return found;
-}
-
-std::regex ParsePattern(const std::string& text) {
-  try {
-    return std::regex(text);
-  } catch (const std::regex_error& error) {
-    throw InvalidInputError(Concat("--name \"", text, "\": not a regular expression: ", error.what()));
-  }
-}
-
-// Files of an extension: an image's own stem goes before its index, which the first file in order gets.
-std::map<int, fs::path> FindNamedMaps(const std::vector<fs::path>& entries, const std::vector<ListedImage>& images,
-                                      const std::regex& pattern, const char* extension) {
-  std::map<std::string, int> index_of_stem;
-  for (const ListedImage& image : images) {
-    index_of_stem[fs::path(image.name).replace_extension().string()] = image.index;
-  }
-  std::map<int, fs::path> found;
-  for (const fs::path& file : entries) {
-    if (LowerExtension(file) != extension || !std::regex_search(file.filename().string(), pattern)) continue;
-    const std::string stem = file.stem().string();
-    if (const auto own = index_of_stem.find(stem); own != index_of_stem.end()) {
-      found[own->second] = file;
-    } else if (const auto index = LastNumber(stem)) {
-      found.emplace(*index, file);
-    }
-  }
-  return found;
-}
 
 void Check(const GroundTruthOptions& options) {
   CheckPositive("--gt-png-unit", options.png_unit);
@@ -98,18 +31,23 @@ fs::path FindFolder(const fs::path& scene, const std::string& name, const char* 
   throw InvalidInputError(Concat("no folder ", (scene / name).string(), " nor ", name, ": name it with ", option));
 }
 
-// FOLDER/000007.EXT with the first of `extensions` that exists; empty when none does.
-fs::path FindMap(const fs::path& folder, int index, const std::vector<std::string>& extensions) {
+// The first of these of an image, by its name or by its index: FOLDER/IMAGE.EXT, 000007.EXT or 00000007.EXT, in the
+// order of the extensions. Empty when there is none.
+fs::path FindMap(const fs::path& folder, const ListedImage& image, const std::vector<std::string>& extensions) {
+  const std::string names[] = {fs::path(image.name).replace_extension().string(), StringPrintf("%06d", image.index),
+                               StringPrintf("%08d", image.index)};
   for (const std::string& extension : extensions) {
-    fs::path path = folder / (StringPrintf("%06d", index) + extension);
-    if (fs::exists(path)) return path;
+    for (const std::string& name : names) {
+      fs::path path = folder / (name + extension);
+      if (fs::exists(path)) return path;
+    }
   }
   return {};
 }
 
 // The true map of an image; empty when the folder has none.
-DepthMap ReadGroundTruth(const fs::path& folder, int index, const GroundTruthOptions& options) {
-  const fs::path path = FindMap(folder, index, {".png", ".pfm", ".dmb"});
+DepthMap ReadGroundTruth(const fs::path& folder, const ListedImage& image, const GroundTruthOptions& options) {
+  const fs::path path = FindMap(folder, image, {".png", ".pfm", ".dmb"});
   if (path.empty()) return {};
   DepthMap truth = ReadDepth(path, options.png_unit);
   if (options.max_depth > 0) {
@@ -154,8 +92,8 @@ DepthMap ReadPrediction(const fs::path& path, double scale) {
 }
 
 // Empty when the folder has none for this image.
-Image<unsigned char> ReadMask(const fs::path& folder, int index, const DepthMap& truth) {
-  const fs::path path = FindMap(folder, index, {".png"});
+Image<unsigned char> ReadMask(const fs::path& folder, const ListedImage& image, const DepthMap& truth) {
+  const fs::path path = FindMap(folder, image, {".png"});
   if (path.empty()) return {};
   const ColorImage picture = ReadColorImage(path);
   if (picture.width() != truth.width() || picture.height() != truth.height()) {
@@ -226,7 +164,7 @@ size_t AddTrueMaps(const CloudEvaluationOptions& options, const Eigen::Vector3d&
   const fs::path folder = FindFolder(options.ground_truth, options.truth.folder, "--gt");
   size_t maps = 0;
   for (ListedCamera& image : ReadCameraList(options.ground_truth / "cameras.txt")) {
-    const DepthMap truth = ReadGroundTruth(folder, image.image.index, options.truth);
+    const DepthMap truth = ReadGroundTruth(folder, image.image, options.truth);
     if (truth.empty()) continue;
     image.world_from_cam.translation() -= origin;
     surface->Add(truth, image.camera.Resized(truth.width(), truth.height()), image.world_from_cam.inverse());
@@ -239,38 +177,6 @@ size_t AddTrueMaps(const CloudEvaluationOptions& options, const Eigen::Vector3d&
 }
 
 }  // namespace
-
-PredictionIndex FindPredictions(const fs::path& folder, const std::vector<ListedImage>& images,
-                                const std::string& name) {
-  if (!fs::is_directory(folder)) throw InvalidInputError(Concat(folder.string(), ": no such folder of predictions"));
-  const std::vector<fs::path> entries = SortedEntries(folder);
-  std::vector<fs::path> acmp_folders;
-  for (const fs::path& entry : entries) {
-    if (entry.filename().string().rfind("2333_", 0) == 0) acmp_folders.push_back(entry);
-  }
-
-  PredictionIndex index;
-  if (!acmp_folders.empty()) {
-    index.files = FindAcmpOutput(acmp_folders, name);
-  } else {
-    const std::regex pattern = ParsePattern(name);
-    index.files = FindNamedMaps(entries, images, pattern, ".pfm");
-    size_t set_aside = 0;
-    for (const char* extension : {".dmb", ".png"}) {
-      for (const auto& [image, path] : FindNamedMaps(entries, images, pattern, extension)) {
-        set_aside += !index.files.emplace(image, path).second;
-      }
-    }
-    if (set_aside > 0)
-      index.notes.push_back(
-          Concat(set_aside, " maps left aside for another of their image: .pfm before .dmb before .png"));
-  }
-  const bool any = std::any_of(images.begin(), images.end(),
-                               [&](const ListedImage& image) { return index.files.count(image.index) > 0; });
-  if (!any)
-    throw InvalidInputError(Concat(folder.string(), ": no .pfm, .dmb or .png named after an image of the scene"));
-  return index;
-}
 
 Image<unsigned char> LowTextureMask(Image<unsigned char> picture, int width, int height, double threshold) {
   constexpr int kWindow = 11;
@@ -300,10 +206,11 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
   std::vector<ListedImage> images;
   for (const ListedCamera& camera : ReadCameraList(options.scene / "cameras.txt")) images.push_back(camera.image);
   const fs::path truth_folder = FindFolder(options.scene, options.truth.folder, "--gt");
-  PredictionIndex predictions = FindPredictions(options.predictions, images, options.name);
+  if (!fs::is_directory(options.predictions)) {
+    throw InvalidInputError(Concat(options.predictions.string(), ": no such folder of predictions"));
+  }
 
   DepthEvaluation evaluation;
-  evaluation.notes = std::move(predictions.notes);
   DepthErrors pool;
   RegionMean low_texture("lowtex");
   std::vector<std::pair<fs::path, RegionMean>> masks;
@@ -311,16 +218,17 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
     masks.emplace_back(FindFolder(options.scene, mask, "--mask"), RegionMean(fs::path(mask).filename().string()));
   }
   size_t without_picture = 0;
+  bool any = false;
   for (const ListedImage& image : images) {
     if (!options.subset.empty() && options.subset.count(image.index) == 0) continue;
-    const DepthMap truth = ReadGroundTruth(truth_folder, image.index, options.truth);
+    const DepthMap truth = ReadGroundTruth(truth_folder, image, options.truth);
     if (truth.empty()) continue;
-    const auto found = predictions.files.find(image.index);
-    const bool has_prediction = found != predictions.files.end();
-    DepthMap estimate = has_prediction ? ReadPrediction(found->second, options.scale) : DepthMap();
+    const fs::path found = FindMap(options.predictions, image, {".pfm", ".dmb", ".png"});
+    DepthMap estimate = found.empty() ? DepthMap() : ReadPrediction(found, options.scale);
     if (options.median_scale) Multiply(MedianScale(estimate, truth), &estimate);
     const DepthMetrics metrics = EvaluateDepth(estimate, truth);
-    evaluation.images.push_back({image.index, image.name, has_prediction, metrics});
+    evaluation.images.push_back({image.index, image.name, !found.empty(), metrics});
+    any |= !found.empty();
     pool.Add(estimate, truth);
 
     const fs::path picture = options.scene / "images" / image.name;
@@ -331,11 +239,16 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
       ++without_picture;
     }
     for (auto& [folder, region] : masks) {
-      const Image<unsigned char> mask = ReadMask(folder, image.index, truth);
+      const Image<unsigned char> mask = ReadMask(folder, image, truth);
       if (!mask.empty()) region.Add(estimate, truth, mask, metrics.ground_truth_pixels);
     }
   }
   if (evaluation.images.empty()) throw InvalidInputError(Concat("no ground truth found in ", truth_folder.string()));
+  if (!any) {
+    throw InvalidInputError(Concat(options.predictions.string(),
+                                   ": no .pfm, .dmb or .png named after an image with ground truth, or its index, as ",
+                                   "000007.pfm"));
+  }
 
   std::vector<DepthMetrics> metrics;
   for (const ImageEvaluation& image : evaluation.images) metrics.push_back(image.metrics);

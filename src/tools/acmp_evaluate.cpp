@@ -45,11 +45,10 @@ CLI::App* AddDepthCommand(CLI::App* app, EvaluateArguments* a) {
       ->add_option(
           "PREDICTIONS", a->depth.predictions,
           "Folder with one .pfm, .dmb or 16-bit .png (millimetres) per image, named by the image's name or its "
-          "index (000007.pfm, depth_7.png), or the output folder of the public ACMP program")
+          "index (000007.pfm, 00000007.dmb)")
       ->required();
   command->option_defaults()->always_capture_default();
   AddGroundTruthOptions(command, &a->depth.truth);
-  command->add_option("--name", a->depth.name, "Only files whose name contains this regular expression");
   command->add_option("--scale", a->depth.scale, "Multiply the predictions by this");
   command->add_flag("--median-scale", a->depth.median_scale,
                     "Multiply each map by the median of true over predicted depth: for poses whose scale is unknown or "

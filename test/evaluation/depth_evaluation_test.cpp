@@ -99,7 +99,7 @@ class EvaluateDepthTest : public TestFolder {
     WriteSceneFiles(folder() / "scene", views_, 0.2f);
     std::filesystem::create_directories(folder() / "maps");
     WritePfm(folder() / "maps/000000.pfm", Disturbed(views_[0].true_depth));
-    WriteDmb(folder() / "maps/2.dmb", DepthMap(32, 24, 2.5f));
+    WriteDmb(folder() / "maps/000002.dmb", DepthMap(32, 24, 2.5f));
   }
 
   static DepthMap Disturbed(const DepthMap& truth) {
@@ -237,50 +237,36 @@ TEST(LowTextureMask, IsWhereTheDeviationIsBelowTheLimit) {
   }
 }
 
-class EvaluateInputsTest : public TestFolder {
- protected:
-  PredictionIndex Find(const std::string& name = "") const {
-    return FindPredictions(folder(), {{0, "P100.jpg"}, {1, "P200.jpg"}, {7, "P300.jpg"}}, name);
-  }
-};
-
-TEST_F(EvaluateInputsTest, WhichFileIsWhoseMap) {
-  struct Case {
-    std::vector<std::string> files;
-    std::string name, found;  ///< "0: FILE, 7: FILE": of the images that have one
-  };
-  const std::vector<std::string> of_program = {"2333_00000000/depths.dmb", "2333_00000000/depths_geom.dmb",
-                                               "2333_00000007/depths.dmb", "2333_00000001/normals.dmb"};
-  for (const Case& c : std::vector<Case>{
-           // By index or by the image's own stem, which goes before it, and the first file before later ones.
-           {{"depth_0007.png", "P100.dmb", "00000001.DMB", "000001_normal.txt"},
-            "",
-            "0: P100.dmb, 1: 00000001.DMB, 7: depth_0007.png"},
-           {{"0.dmb", "P100.dmb", "a_1.dmb", "b_1.dmb"}, "", "0: P100.dmb, 1: a_1.dmb"},
-           {{"0.dmb", "P100.dmb", "a_1.dmb", "b_1.dmb"}, "^b_", "1: b_1.dmb"},
-           // The output of the public program.
-           {of_program, "", "0: 2333_00000000/depths_geom.dmb, 7: 2333_00000007/depths.dmb"},
-           {of_program, "depths.dmb", "0: 2333_00000000/depths.dmb, 7: 2333_00000007/depths.dmb"},
-           {{"000000.pfm", "000000.png", "000001.png", "000007.png", "000007.dmb"},
-            "",
-            "0: 000000.pfm, 1: 000001.png, 7: 000007.dmb"}}) {
-    for (const auto& entry : std::filesystem::directory_iterator(folder())) std::filesystem::remove_all(entry);
-    for (const std::string& file : c.files) WriteText(file, "x");
-    std::string found;
-    for (const auto& [image, path] : Find(c.name).files) {
-      found += Concat(found.empty() ? "" : ", ", image, ": ", std::filesystem::relative(path, folder()).string());
+TEST_F(EvaluateDepthTest, AMapIsFoundByNameOrIndex) {
+  namespace fs = std::filesystem;
+  DepthEvaluationOptions options = Options();
+  options.low_texture = 0;
+  const auto density_with = [&](const std::vector<std::pair<std::string, float>>& files) {
+    fs::remove_all(options.predictions);
+    fs::create_directories(options.predictions);
+    for (const auto& [name, depth] : files) {
+      const fs::path path = options.predictions / name;
+      const DepthMap map(64, 48, depth);
+      if (path.extension() == ".pfm") WritePfm(path, map);
+      if (path.extension() == ".dmb") WriteDmb(path, map);
+      if (path.extension() == ".png") WriteDepthPng(path, map);
     }
-    EXPECT_EQ(found, c.found);
-  }
-  EXPECT_THAT(Find().notes, ElementsAre(HasSubstr("2 maps left aside")));
-}
-
-TEST_F(EvaluateInputsTest, RefusesFoldersWithoutAnyMapOfTheScene) {
-  EXPECT_THROW(Find(), InvalidInputError);
-  WriteText("000003.pfm", "x");  // not an image of the scene
-  EXPECT_THROW(Find(), InvalidInputError);
-  EXPECT_THROW(FindPredictions(folder() / "missing", {}, ""), InvalidInputError);
-  EXPECT_THROW(Find("("), InvalidInputError);
+    return EvaluateDepthFolder(options).mean.density;
+  };
+  fs::rename(options.scene / "images/000002.png", options.scene / "images/last.png");
+  std::string cameras = ReadText(options.scene / "cameras.txt");
+  cameras.replace(cameras.find("000002.png"), 10, "last.png");
+  WriteText("scene/cameras.txt", cameras);
+  const double each = 100 / 3.0;
+  EXPECT_NEAR(density_with({{"00000000.dmb", 1}, {"000001.png", 1}, {"last.pfm", 1}}), 3 * each, 1e-9);
+  EXPECT_NEAR(density_with({{"000002.pfm", 1}}), each, 1e-9) << "by its index";
+  EXPECT_NEAR(density_with({{"000002.pfm", 0}, {"last.dmb", 1}, {"000001.dmb", 1}}), each, 1e-9)
+      << ".pfm goes before .dmb";
+  EXPECT_NEAR(density_with({{"000002.dmb", 0}, {"last.dmb", 1}}), each, 1e-9) << "the name goes before the index";
+  EXPECT_THROW(density_with({}), InvalidInputError);
+  EXPECT_THROW(density_with({{"000003.pfm", 1}}), InvalidInputError) << "of no image of the scene";
+  fs::remove_all(options.predictions);
+  EXPECT_THROW(EvaluateDepthFolder(options), InvalidInputError);
 }
 
 }  // namespace

@@ -12,7 +12,7 @@
 
 namespace acmp {
 
-/// Where the true depth maps of a scene are and how they are stored: 000007.png, .pfm or .dmb for image 7.
+/// Where the true depth maps of a scene are and how they are stored: .png, .pfm or .dmb, named as the predictions.
 struct GroundTruthOptions {
   std::string folder = "depth";  ///< in the scene, or anywhere
   double png_unit = 1000.0;      ///< counts of .png files per scene unit, > 0
@@ -23,7 +23,6 @@ struct DepthEvaluationOptions {
   std::filesystem::path scene;
   std::filesystem::path predictions;
   GroundTruthOptions truth;
-  std::string name;                ///< see FindPredictions
   double scale = 1.0;              ///< predictions are multiplied by it, > 0
   bool median_scale = false;       ///< then each by its own MedianScale
   double low_texture = 4.0;        ///< grey levels; 0 turns the row off
@@ -53,21 +52,9 @@ struct DepthEvaluation {
   std::vector<std::string> notes;
 };
 
-struct PredictionIndex {
-  std::map<int, std::filesystem::path> files;  ///< by image index
-  std::vector<std::string> notes;              ///< what was left aside, for the user
-};
-
-/// Finds the depth maps of a folder: .pfm, .dmb or .png named by the image's own stem or by its index (the last number
-/// in the file name), or ACMP's own output (2333_<index>/depths_geom.dmb, else depths_prior.dmb, else depths.dmb).
-/// Of several for one image .pfm goes before .dmb and that before .png. `name`, if not empty, is the file to read in
-/// 2333_* folders, else a regular expression that file names must contain. Throws InvalidInputError when the folder or
-/// every map is missing.
-PredictionIndex FindPredictions(const std::filesystem::path& folder, const std::vector<ListedImage>& images,
-                                const std::string& name);
-
-/// Compares the depth maps of a folder with a scene's ground truth. Throws InvalidInputError for whatever is missing,
-/// unreadable or out of bounds.
+/// Compares the depth maps of a folder with a scene's ground truth. A map is IMAGE.EXT, by the image's name, else
+/// 000007.EXT or 00000007.EXT by its index, of .pfm, .dmb and .png in this order. Throws InvalidInputError for whatever
+/// is missing, unreadable or out of bounds, and where no image has a map.
 DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options);
 
 /// 1 where the 11x11 neighbourhood in the picture, resized to width x height, has a standard deviation below
