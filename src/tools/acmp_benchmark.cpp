@@ -1,4 +1,4 @@
-// Time per stage of Algorithm 1 on synthetic images of given sizes, or of a stream through the online mapper.
+// Time per stage of Algorithm 1, or of a stream through the online mapper, on synthetic images: one table.
 
 #include <unistd.h>
 
@@ -16,12 +16,13 @@
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/image/image_processing.h"
-#include "acmp_mapping/mapping/auto_preset.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "tool_main.h"
 
 namespace acmp {
 namespace {
+
+using namespace std::string_literals;
 
 /// What was measured: title of the column, value.
 using Figures = std::vector<std::pair<std::string, double>>;
@@ -238,41 +239,13 @@ Figures MeasureStream(DepthEngine* engine, const DenseMapperOptions& options, Im
           {"end", megabytes(HostBytes())}};
 }
 
-/// Prints what `preset: auto` chooses for keyframes that come every `interval_s` seconds: what it says each time it
-/// changes, and where it stays. @param options all but the pipeline's. @param size the largest allowed
-void PrintAutoPreset(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size, double interval_s) {
-  constexpr int kDistinct = 64;
-  const std::unique_ptr<DepthEngine> output_engine = engine->Share();
-  AutoPreset choice;
-  while (!choice.is_settled()) {
-    const AutoPreset::Setting& setting = choice.setting();
-    DenseMapperOptions of_setting = options;
-    of_setting.pipeline = MakePreset(setting.preset);
-    of_setting.max_source_views = std::min(options.max_source_views, setting.max_source_views);
-    DenseMapper mapper(engine, of_setting, {}, output_engine.get());
-    const auto scaled = [&](int pixels) { return std::max(1, static_cast<int>(std::lround(setting.size * pixels))); };
-    WallStream stream({scaled(size.width), scaled(size.height)}, kDistinct);
-    std::optional<std::string> said;
-    while (!said) {
-      FrameWithoutGray frame = stream.Next();
-      Timer timer;
-      mapper.AddKeyframe(frame.Make());
-      said = choice.Add(timer.Elapsed(), interval_s);
-    }
-    mapper.WaitForOutputs();
-    std::cout << *said << "\n";
-  }
-}
-
 struct BenchmarkArguments {
   std::vector<std::string> sizes;  ///< none: what the device does in some seconds
   std::vector<int> source_views = {10};
   int repetitions = 5;
   int keyframes = 0;
-  bool expect = false;
-  double auto_interval_s = 0;
   DenseMapperOptions stream;
-  std::string preset = "balanced";
+  std::vector<std::string> presets = {"balanced"};
   std::vector<std::string> set;
   std::string device = "auto";
   int cuda_index = 0;
@@ -290,106 +263,58 @@ ImageSize ParseSize(const std::string& text) {
   return size;
 }
 
-std::string Name(const ImageSize& size) { return Concat(size.width, "x", size.height); }
-
 /// A row of a table, with its head first. Each column is as wide as its title.
-void PrintRow(const std::string& size, int source_views, const Figures& figures, bool with_head) {
+void PrintRow(const std::string& preset, const std::string& size, int source_views, const Figures& figures,
+              bool with_head) {
   const auto width = [](const std::string& title) { return static_cast<int>(std::max<size_t>(title.size(), 8)) + 2; };
   if (with_head) {
-    std::cout << std::setw(10) << "size" << std::setw(4) << "V";
+    std::cout << std::left << std::setw(18) << "preset" << std::right << std::setw(10) << "size" << std::setw(4) << "V";
     for (const auto& [title, value] : figures) std::cout << std::setw(width(title)) << title;
     std::cout << "\n";
   }
-  std::cout << std::setw(10) << size << std::setw(4) << source_views;
+  std::cout << std::left << std::setw(18) << preset << std::right << std::setw(10) << size << std::setw(4)
+            << source_views;
   for (const auto& [title, value] : figures) std::cout << std::setw(width(title)) << value;
   std::cout << std::endl;
 }
 
-/// Measures a short stream for each preset that the online mapper takes, and prints the keyframes per second that it
-/// keeps up with at this size and, as the time grows with the pixels, at others. @param options all but the pipeline's
-void PrintExpected(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size, int keyframes) {
-  constexpr ImageSize kSizes[] = {{320, 240}, {480, 360}, {640, 480}, {960, 720}, {1280, 960}};
-  std::cout << "keyframes per second that the online mapper keeps up with, " << options.max_source_views
-            << " source views, 4:3 images\n"
-            << "  measured: at " << Name(size) << ", " << keyframes
-            << " keyframes with exact poses; what refine_poses takes is not in it\n"
-            << "  computed: all other sizes, as the time grows with the number of pixels (within a fifth)\n"
-            << std::left << std::setw(18) << "preset" << std::right << std::setw(18) << Name(size) + " measured";
-  for (const ImageSize& other : kSizes) std::cout << std::setw(10) << Name(other);
-  std::cout << "\n" << std::setprecision(3) << std::defaultfloat;
-  for (const std::string& preset : PresetNames()) {
-    DenseMapperOptions of_preset = options;
-    of_preset.pipeline = MakePreset(preset);
-    if (of_preset.pipeline.multi_scale) continue;  // offline only
-    const double measured = MeasureStream(engine, of_preset, size, keyframes).front().second;
-    std::cout << std::left << std::setw(18) << preset << std::right << std::setw(18) << measured;
-    for (const ImageSize& other : kSizes) {
-      const double pixels = static_cast<double>(other.width) * other.height / size.width / size.height;
-      std::cout << std::setw(10) << measured / pixels;
-    }
-    std::cout << std::endl;
-  }
-}
-
-/// Of the stream, which must be as long as its window for so many source views.
-DenseMapperOptions StreamOptions(const BenchmarkArguments& arguments, int source_views) {
-  DenseMapperOptions stream = arguments.stream;
-  CheckRange("--window-size", stream.window_size, source_views + 1, kMaxWindowSize);
-  stream.max_source_views = source_views;
-  stream.min_source_views = std::min(2, source_views);
-  return stream;
-}
-
-/// Each size with each number of source views.
-void MeasureSizes(const BenchmarkArguments& arguments, DepthEngine* engine) {
-  PipelineOptions options = MakePreset(arguments.preset);
-  for (const std::string& assignment : arguments.set) OptionsOf(&options).Set(assignment);
-  Validate(options);
-  if (arguments.keyframes > 0) {
-    std::cout << "online mapper, preset " << arguments.preset << ", " << arguments.keyframes << " keyframes, ms\n";
-  } else {
-    std::cout << "medians of " << arguments.repetitions << " runs after one warm-up, ms per image, preset "
-              << arguments.preset << "\n";
-  }
-  bool is_first = true;
-  for (const std::string& text : arguments.sizes) {
-    const ImageSize size = ParseSize(text);
-    for (int source_views : arguments.source_views) {
-      Figures figures;
-      if (arguments.keyframes == 0) {
-        figures = MeasureStages(engine, options, size, source_views, arguments.repetitions);
-      } else {
-        DenseMapperOptions stream = StreamOptions(arguments, source_views);
-        stream.pipeline = options;
-        figures = MeasureStream(engine, stream, size, arguments.keyframes);
-      }
-      PrintRow(text, source_views, figures, std::exchange(is_first, false));
-    }
-  }
-}
-
-void RunBenchmark(BenchmarkArguments arguments) {
+/// Each preset with each size and each number of source views.
+void RunBenchmark(const BenchmarkArguments& arguments) {
   for (int source_views : arguments.source_views) CheckRange("--source-views", source_views, 1, kMaxSourceViews);
   const DepthEngineBackend backend = MakeDepthEngine(ParseDevice(arguments.device), arguments.cuda_index);
   DepthEngine* engine = backend.engine.get();
   const bool is_gpu = engine->FreeDeviceBytes() > 0;
-  if (arguments.sizes.empty()) {
-    arguments.sizes = is_gpu ? std::vector<std::string>{"640x480", "3072x2048"} : std::vector<std::string>{"320x240"};
-  }
+  std::vector<std::string> sizes = arguments.sizes;
+  if (sizes.empty()) sizes = is_gpu ? std::vector<std::string>{"640x480", "3072x2048"} : std::vector{"320x240"s};
   std::cout << "device " << engine->device_name();
   if (!backend.fallback_reason.empty()) std::cout << ", since " << backend.fallback_reason;
-  std::cout << std::endl << std::fixed << std::setprecision(2);
-  const int source_views = arguments.source_views.front();
-  if (arguments.expect) {
-    // Small enough for a short run, and large enough for its pixels to be what takes the time.
-    const ImageSize size = is_gpu ? ImageSize{640, 480} : ImageSize{64, 48};
-    const int keyframes = is_gpu ? 100 : 2 * source_views;
-    PrintExpected(engine, StreamOptions(arguments, source_views), size, keyframes);
-  } else if (arguments.auto_interval_s > 0) {
-    PrintAutoPreset(engine, StreamOptions(arguments, source_views), ParseSize(arguments.sizes.front()),
-                    arguments.auto_interval_s);
-  } else {
-    MeasureSizes(arguments, engine);
+  const bool is_stream = arguments.keyframes > 0;
+  std::cout << (is_stream ? Concat("\nonline mapper, ", arguments.keyframes, " keyframes with exact poses, ms\n")
+                          : Concat("\nmedians of ", arguments.repetitions, " runs after one warm-up, ms per image\n"))
+            << std::fixed << std::setprecision(2);
+  bool is_first = true;
+  for (const std::string& preset : arguments.presets) {
+    PipelineOptions options = MakePreset(preset);
+    for (const std::string& assignment : arguments.set) OptionsOf(&options).Set(assignment);
+    Validate(options);
+    for (const std::string& text : sizes) {
+      const ImageSize size = ParseSize(text);
+      for (int source_views : arguments.source_views) {
+        Figures figures;
+        if (is_stream) {
+          // The window must be long enough for so many source views.
+          DenseMapperOptions stream = arguments.stream;
+          CheckRange("--window-size", stream.window_size, source_views + 1, kMaxWindowSize);
+          stream.pipeline = options;
+          stream.max_source_views = source_views;
+          stream.min_source_views = std::min(2, source_views);
+          figures = MeasureStream(engine, stream, size, arguments.keyframes);
+        } else {
+          figures = MeasureStages(engine, options, size, source_views, arguments.repetitions);
+        }
+        PrintRow(preset, text, source_views, figures, std::exchange(is_first, false));
+      }
+    }
   }
 }
 
@@ -401,8 +326,8 @@ int main(int argc, char** argv) {
   acmp::BenchmarkArguments arguments;
   CLI::App app(
       "Measures milliseconds per image of each stage on synthetic images. With --keyframes it feeds a stream of "
-      "keyframes to the online mapper instead and reports latency, rate and memory. With --expect it says how many "
-      "keyframes per second each preset keeps up with at which size.\n"
+      "keyframes to the online mapper instead and reports how many per second it keeps up with, latency and memory. "
+      "Times grow with the number of pixels.\n"
       "Example: acmp_benchmark --sizes 640x480,3072x2048 --source-views 6,10",
       "acmp_benchmark");
   app.option_defaults()->always_capture_default();
@@ -416,24 +341,12 @@ int main(int argc, char** argv) {
                  "Of the stream: " + acmp::OptionsOf(&arguments.stream).Find("window_size").sentence)
       ->check(CLI::Range(2, acmp::kMaxWindowSize));
   arguments.stream.poses.refine = acmp::RefinePoses::kOff;  // the stream's are exact
-  app.add_option("--preset", arguments.preset, "Preset, see docs/algorithm.md")
+  app.add_option("--preset", arguments.presets, "Presets, see docs/algorithm.md")
+      ->delimiter(',')
       ->check(CLI::IsMember(acmp::PresetNames()));
   app.add_option("--set", arguments.set,
                  "NAME=VALUE: an option of the pipeline over the preset's, see docs/parameters.md")
       ->default_str("");
-  CLI::Option* expect = app.add_flag(
-      "--expect", arguments.expect,
-      "Measure a short stream of each preset and compute the rate at other sizes (with the first of --source-views)");
-  for (const char* other : {"--sizes", "--keyframes", "--repetitions", "--preset", "--set"}) expect->excludes(other);
-  CLI::Option* auto_preset =
-      app.add_option(
-             "--auto", arguments.auto_interval_s,
-             "What preset: auto chooses for keyframes that come every so many seconds, with the first of --sizes as "
-             "max_image_size and the first of --source-views at most")
-          ->default_str("")
-          ->check(CLI::PositiveNumber);
-  for (const char* other : {"--expect", "--keyframes", "--repetitions", "--preset", "--set"})
-    auto_preset->excludes(other);
   app.add_option("--device", arguments.device, "auto, cuda or cpu");
   app.add_option("--cuda-index", arguments.cuda_index, "Which GPU");
   return acmp::RunTool(app, argc, argv, [&] {
