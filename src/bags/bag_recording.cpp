@@ -2,7 +2,6 @@
 
 #include <cmath>
 
-#include <nav_msgs/Path.h>
 #include <sensor_msgs/image_encodings.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 #include <tf2_eigen/tf2_eigen.h>
@@ -32,12 +31,9 @@ struct RecordedImage {
   PinholeCamera camera;  ///< of the pixels
   LensDistortion distortion;
   RigidTransform cam_from_world;
-  const std::vector<Eigen::Vector3d>* landmarks_in_world;       ///< null: the frontend has none
-  Mask mask = {};                                               ///< of the pixels; empty: none
-  const nav_msgs::Path* optimized_path = nullptr;               ///< that has come before the pose; null: none
-  const Frame* right = nullptr;                                 ///< of a second camera to the right; null: none
-  RigidTransform left_from_world = RigidTransform::Identity();  ///< the true pose, as the right one's
-  double units_per_m = 1;                                       ///< of the frontend's world
+  const std::vector<Eigen::Vector3d>* landmarks_in_world;  ///< null: the frontend has none
+  Mask mask = {};                                          ///< of the pixels; empty: none
+  const Frame* right = nullptr;                            ///< of a second camera to the right; null: none
 };
 
 class BagRecorder {
@@ -54,7 +50,6 @@ class BagRecorder {
     writer_.Write(kImageTopic, stamp, *ToColorMessage(image.pixels, in_camera));
     if (image.right) AddRight(image, stamp);
     if (!image.mask.empty()) writer_.Write(kMaskTopic, stamp, ToMaskMessage(image.mask, in_camera));
-    if (image.optimized_path) writer_.Write(kOptimizedPathTopic, stamp, *image.optimized_path);
     writer_.Write(kCameraInfoTopic, stamp, ToCameraInfo(image.camera, image.distortion, in_camera));
     writer_.Write(kTfTopic, stamp, ToTf(pose, kCameraFrame));
     if (image.landmarks_in_world) {
@@ -76,9 +71,9 @@ class BagRecorder {
   /// As stereo calibration has a rectified pair.
   void AddRight(const RecordedImage& image, const ros::Time& stamp) {
     const std_msgs::Header header = MakeHeader(image.index, kRightCameraFrame, options_);
-    const RigidTransform from_left = image.right->cam_from_world * image.left_from_world.inverse();
+    const RigidTransform from_left = image.right->cam_from_world * image.cam_from_world.inverse();
     sensor_msgs::CameraInfo info = ToCameraInfo(image.right->camera, {}, header);
-    info.P[3] = image.units_per_m * info.P[0] * from_left.translation().x();
+    info.P[3] = info.P[0] * from_left.translation().x();
     writer_.Write(kRightImageTopic, stamp, *ToColorMessage(image.right->color, header));
     writer_.Write(kRightCameraInfoTopic, stamp, info);
   }
@@ -88,17 +83,6 @@ class BagRecorder {
   RecordingSummary summary_;
   ros::Time first_;
 };
-
-/// The poses after the loop closure of all images before it, with their stamps.
-nav_msgs::Path MakeOptimizedPath(const SlamRun& slam, const RecordingOptions& options) {
-  nav_msgs::Path path;
-  path.header = MakeHeader(static_cast<int>(slam.loop_closure), kWorldFrame, options);
-  for (size_t i = static_cast<size_t>(slam.errors.start); i < slam.loop_closure; ++i) {
-    const std_msgs::Header header = MakeHeader(static_cast<int>(i), kWorldFrame, options);
-    path.poses.push_back(ToPoseStamped(slam.corrected[i].inverse(Eigen::Isometry), header));
-  }
-  return path;
-}
 
 }  // namespace
 
@@ -136,29 +120,20 @@ RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices
 }
 
 RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const RecordingOptions& options,
-                                 const std::filesystem::path& bag_path, const SlamRun* slam) {
-  if (slam != nullptr && slam->outputs.size() != views.size()) {
-    throw InvalidInputError(
-        Concat("the simulated frontend saw ", slam->outputs.size(), " of ", views.size(), " images"));
-  }
+                                 const std::filesystem::path& bag_path) {
   if (options.max_image_size > 0) throw InvalidInputError("a synthetic scene is recorded at its own size");
   BagRecorder recorder(options, bag_path);
-  const nav_msgs::Path path = slam != nullptr ? MakeOptimizedPath(*slam, options) : nav_msgs::Path();
   for (size_t i = 0; i < views.size(); ++i) {
     const Frame& frame = views[i].frame;
-    const SlamOutput exact = {frame.cam_from_world, frame.landmarks_in_world};
-    const SlamOutput& output = slam != nullptr ? slam->outputs[i] : exact;
+    const Frame* right = views[i].right ? &*views[i].right : nullptr;
     recorder.Add({static_cast<int>(i),
                   frame.color,
                   frame.camera,
                   {},
-                  output.cam_from_world,
-                  &output.landmarks_in_world,
-                  {},
-                  slam != nullptr && i == slam->loop_closure ? &path : nullptr,
-                  views[i].right ? &*views[i].right : nullptr,
                   frame.cam_from_world,
-                  slam != nullptr ? slam->errors.units_per_m : 1});
+                  &frame.landmarks_in_world,
+                  {},
+                  right});
   }
   return recorder.Finish();
 }

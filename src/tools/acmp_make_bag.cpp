@@ -20,7 +20,6 @@ struct MakeBagArguments {
   std::vector<std::string> paths;
   bool synthetic = false;
   std::string scene_name;
-  std::string poses = "true";
   std::string ground_truth;
   std::string images, masks;
   std::string format = "auto", pixel_centers = "integer";
@@ -63,12 +62,6 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
       app.add_flag("--synthetic", arguments.synthetic, "Render a room with known geometry instead of reading SCENE");
   app.add_option("--scene", arguments.scene_name, "room (unless given), hard or street: as acmp_make_scene has them")
       ->type_name("NAME");
-  app.add_option(
-         "--poses", arguments.poses,
-         "true, or slam: those of a simulated monocular frontend, with its sparse points: a late start, half the\n"
-         "size, drift and a scale that grows until a loop is closed (/slam/optimized_path), jitter")
-      ->type_name("NAME")
-      ->check(CLI::IsMember({"true", "slam"}));
   app.add_option("--width", arguments.scene.width, "px");
   app.add_option("--height", arguments.scene.height, "px");
   app.add_option("--keyframes", arguments.scene.keyframes, "Number of images");
@@ -93,9 +86,7 @@ acmp::RecordingSummary MakeSyntheticBag(const MakeBagArguments& arguments) {
   if (!arguments.scene_name.empty()) acmp::SelectSyntheticScene(arguments.scene_name, &options);
   const std::vector<acmp::SyntheticView> views = acmp::MakeSyntheticScene(options);
   if (!arguments.ground_truth.empty()) acmp::WriteSceneFiles(arguments.ground_truth, views, kSurfaceSpacing_m);
-  if (arguments.poses == "true") return acmp::RecordSynthetic(views, arguments.recording, arguments.paths[0]);
-  const acmp::SlamRun slam = acmp::SimulateSlam(views, acmp::SlamErrors(), options.seed);
-  return acmp::RecordSynthetic(views, arguments.recording, arguments.paths[0], &slam);
+  return acmp::RecordSynthetic(views, arguments.recording, arguments.paths[0]);
 }
 
 acmp::RecordingSummary MakeSceneBag(const MakeBagArguments& arguments) {

@@ -4,7 +4,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <nav_msgs/Path.h>
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
 
@@ -61,37 +60,6 @@ class RecordSceneTest : public TestFolder {
 
   Scene scene_;
 };
-
-TEST_F(RecordSyntheticTest, HoldsWhatASimulatedFrontendPublishes) {
-  SyntheticSceneOptions scene;
-  scene.width = 48;
-  scene.height = 36;
-  scene.keyframes = 9;
-  const std::vector<SyntheticView> views = MakeSyntheticScene(scene);
-  const SlamRun slam = SimulateSlam(views, {}, 1);
-  RecordSynthetic(views, {}, folder() / "a.bag", &slam);
-  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder() / "a.bag", kPoseTopic);
-  const auto clouds = ReadAll<sensor_msgs::PointCloud2>(folder() / "a.bag", kSparsePointsTopic);
-  const auto paths = ReadAll<nav_msgs::Path>(folder() / "a.bag", kOptimizedPathTopic);
-  const auto images = ReadAll<sensor_msgs::Image>(folder() / "a.bag", kImageTopic);
-  ASSERT_EQ(poses.size(), 9u);
-  ASSERT_EQ(clouds.size(), 9u);
-  ASSERT_EQ(images.size(), 9u);
-  EXPECT_EQ(images[2]->header.stamp, ros::Time(1600000000, 400000000));
-  const Rgb& pixel = views[2].frame.color(7, 5);
-  const uint8_t* recorded = &images[2]->data[5 * images[2]->step + 7 * 3];
-  EXPECT_THAT(std::vector<int>(recorded, recorded + 3), ElementsAre(pixel.r, pixel.g, pixel.b));
-  EXPECT_EQ(poses[0]->pose.orientation.w, 1);
-  EXPECT_EQ(clouds[2]->width, 0u);
-  EXPECT_EQ(clouds[3]->width, views[3].frame.landmarks_in_world.size());
-  const Eigen::Vector3d centre = slam.outputs[8].cam_from_world.inverse().translation();
-  EXPECT_NEAR(poses[8]->pose.position.x, centre.x(), 1e-12);  // inverted twice in double
-  ASSERT_EQ(paths.size(), 1u);
-  ASSERT_EQ(paths[0]->poses.size(), 4u);  // images 3 to 6
-  EXPECT_EQ(paths[0]->header.stamp, poses[7]->header.stamp);
-  EXPECT_EQ(paths[0]->poses[0].header.stamp, poses[3]->header.stamp);
-  EXPECT_EQ(paths[0]->poses[3].pose.position.x, slam.corrected[6].translation().x());
-}
 
 TEST_F(RecordSyntheticTest, TheSecondCameraIsThatOfARectifiedPair) {
   SyntheticSceneOptions scene;

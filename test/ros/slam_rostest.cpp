@@ -6,6 +6,7 @@
 #include <nav_msgs/Path.h>
 #include <tf2_eigen/tf2_eigen.h>
 
+#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/ros/output_conversion.h"
@@ -17,15 +18,72 @@ namespace acmp::test::slam_rostest {
 constexpr int kViews = 33;  // 3 before the start, 20 that drift, 10 after the loop closure
 constexpr double kNear_m = 0.1;
 
-/// A scale that grows more than those of recorded frontends, so that few images show it. What they turn and shake costs
-/// more than that at 96 x 72 px, and is not what this test is about.
-SlamErrors Errors() {
-  SlamErrors errors;
-  errors.scale_growth = 0.2;
-  errors.turn_deg = 0.02;
-  errors.step_m = 0.0005;
-  errors.jitter_deg = errors.jitter_m = 0;
-  return errors;
+/// What the frontend publishes with one image, in its own world.
+struct SlamOutput {
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  std::vector<Eigen::Vector3d> landmarks_in_world;
+};
+
+/// A monocular frontend that starts at the fourth image, with the camera as its world at half the true size. From then
+/// on it turns a little and takes steps that are too long, and its scale grows until a loop is closed after two thirds
+/// of the images. The scale grows more than that of recorded frontends, so that few images show it. What they turn and
+/// shake costs more than that at 96 x 72 px, and is not what this test is about.
+struct SlamRun {
+  static constexpr size_t kStart = 3;
+  static constexpr double kUnitsPer_m = 0.5, kScaleGrowth = 0.2, kTurn_deg = 0.02, kStep_m = 0.0005;
+
+  std::vector<SlamOutput> outputs;        ///< one per image; before the start they are of no use
+  size_t loop_closure = 0;                ///< before this image: from here on nothing drifts
+  std::vector<RigidTransform> corrected;  ///< world_from_cam of the images before, after the loop closure
+  RigidTransform start_from_true = RigidTransform::Identity();
+
+  explicit SlamRun(const std::vector<SyntheticView>& views)
+      : outputs(views.size()),
+        loop_closure(kStart + 2 * (views.size() - kStart) / 3),
+        corrected(loop_closure),
+        start_from_true(views[kStart].frame.cam_from_world) {
+    Eigen::Matrix3d drifted = start_from_true.linear();
+    const Eigen::Matrix3d turn = Eigen::AngleAxisd(kRadPerDeg<double> * kTurn_deg, Eigen::Vector3d::UnitZ()).matrix();
+    Eigen::Vector3d placed = Eigen::Vector3d::Zero(), last = placed;  // by the frontend; in truth
+    for (size_t i = kStart; i < views.size(); ++i) {
+      const RigidTransform true_pose = views[i].frame.cam_from_world.inverse();
+      const Eigen::Vector3d centre = true_pose.translation();
+      const double share = static_cast<double>(i - kStart) / static_cast<double>(loop_closure - kStart);
+      const double drifted_scale = kUnitsPer_m * (1 + kScaleGrowth * share);
+      if (i > kStart) {
+        drifted *= turn;
+        placed += drifted_scale * (drifted * (centre - last + Eigen::Vector3d(kStep_m, 0, 0)));
+      }
+      last = centre;
+      const auto see = [&](double scale, const Eigen::Matrix3d& rotation, const Eigen::Vector3d& at) {
+        RigidTransform pose = RigidTransform::Identity();
+        pose.linear() = rotation * true_pose.linear();
+        pose.translation() = at;
+        outputs[i] = {pose.inverse(), {}};
+        for (const Eigen::Vector3d& landmark : views[i].frame.landmarks_in_world) {
+          outputs[i].landmarks_in_world.push_back(scale * (rotation * (landmark - centre)) + at);
+        }
+        return pose;
+      };
+      const RigidTransform right = see(kUnitsPer_m, start_from_true.linear(), kUnitsPer_m * (start_from_true * centre));
+      if (i >= loop_closure) continue;
+      corrected[i] = right;
+      see(drifted_scale, drifted, placed);
+    }
+  }
+
+  /// Where a point of the frontend's world, as that is after the loop closure, lies in the true one, m.
+  Eigen::Vector3d ToTrueWorld(const Eigen::Vector3d& point) const {
+    return start_from_true.inverse() * (point / kUnitsPer_m);
+  }
+};
+
+std::vector<SyntheticView> Views() {
+  SyntheticSceneOptions scene;
+  scene.width = 96;
+  scene.height = 72;
+  scene.keyframes = kViews;
+  return MakeSyntheticScene(scene);
 }
 
 struct Session {
@@ -34,19 +92,12 @@ struct Session {
                        Parameters{{"voxel_size", 0.02}, {"map_publish_rate", 30.0}}};
   Recorder<sensor_msgs::PointCloud2> map{mapper.nh, "map_points"};
   ros::Publisher optimized_path = mapper.nh.advertise<nav_msgs::Path>("optimized_path", 2);
-  std::vector<SyntheticView> views;
-  SlamRun slam;
-  PointCloud surface;
+  std::vector<SyntheticView> views = Views();
+  const SlamRun slam{views};
+  const PointCloud surface = SampleSyntheticSurface(views, 0.02f);
   bool is_ready = false;
 
   Session() {
-    SyntheticSceneOptions scene;
-    scene.width = 96;
-    scene.height = 72;
-    scene.keyframes = kViews;
-    views = MakeSyntheticScene(scene);
-    slam = SimulateSlam(views, Errors(), 1);
-    surface = SampleSyntheticSurface(views, 0.02f);
     is_ready = WaitForSubscriber(optimized_path) && mapper.WaitUntilReady() && mapper.WaitForMapServer() &&
                map.WaitForPublisher();
   }
@@ -66,7 +117,7 @@ struct Session {
   void CloseLoop() {
     nav_msgs::Path path;
     path.header.frame_id = kWorldFrame;
-    for (auto i = static_cast<size_t>(slam.errors.start); i < slam.loop_closure; ++i) {
+    for (size_t i = SlamRun::kStart; i < slam.loop_closure; ++i) {
       geometry_msgs::PoseStamped pose;
       pose.header.frame_id = kWorldFrame;
       pose.header.stamp = StampOf(i);

@@ -27,12 +27,6 @@ expect 0 "stereo:=true source_image:=/camera_right/image_raw source_camera_info:
 expect 2 "stereo baseline = 9" "$bin/acmp_make_bag" "${small[@]}" --stereo-baseline 9 out.bag
 expect 2 "--standing requires --synthetic" "$bin/acmp_make_bag" --standing . out.bag
 expect 2 "--scene requires --synthetic" "$bin/acmp_make_bag" --scene hard . out.bag
-expect 0 "7 images" "$bin/acmp_make_bag" --synthetic --width 48 --height 36 --keyframes 7 --poses slam slam.bag
-expect 0 "7 images" "$bin/acmp_make_bag" --synthetic --width 48 --height 36 --keyframes 7 --poses slam again.bag
-cmp slam.bag again.bag || fail "two runs differ"
-expect 2 "must be in [7" "$bin/acmp_make_bag" "${small[@]}" --poses slam out.bag
-expect 2 "--poses" "$bin/acmp_make_bag" "${small[@]}" --poses drunken out.bag
-expect 2 "--poses requires --synthetic" "$bin/acmp_make_bag" --poses slam . out.bag
 expect 2 "must be one of room, hard" "$bin/acmp_make_bag" --synthetic --scene kitchen out.bag
 expect 2 "keyframes" "$bin/acmp_make_bag" --synthetic --keyframes 1 out.bag
 expect 2 "rate = 0" "$bin/acmp_make_bag" "${small[@]}" --rate 0 out.bag

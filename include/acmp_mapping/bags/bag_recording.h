@@ -38,7 +38,6 @@ constexpr char kRightCameraFrame[] = "camera_right_optical";           ///< not 
 constexpr char kPoseTopic[] = "/slam/pose";
 constexpr char kSparsePointsTopic[] = "/slam/sparse_points";
 constexpr char kTfTopic[] = "/tf";
-constexpr char kOptimizedPathTopic[] = "/slam/optimized_path";  ///< of a simulated frontend
 
 struct RecordingSummary {
   size_t images = 0;
@@ -54,10 +53,9 @@ ros::Time StampOf(int index, const RecordingOptions& options);
 RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices, const RecordingOptions& options,
                              const std::filesystem::path& bag_path);
 
-/// With `slam`, made of the same views, poses and points are the simulated frontend's, and the path that its loop
-/// closure corrects comes before the image after it.
+/// With true poses and points.
 RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const RecordingOptions& options,
-                                 const std::filesystem::path& bag_path, const SlamRun* slam = nullptr);
+                                 const std::filesystem::path& bag_path);
 
 // Messages of a recorded bag from the core's types. Headers are the caller's.
 
