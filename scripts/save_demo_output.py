@@ -109,7 +109,7 @@ def main():
 
     def give_up(number, _):
         raise RuntimeError("roslaunch has ended" if number == signal.SIGCHLD else f"not done after {options.timeout} s")
-    topics = " ".join([*TOPICS.values(), *["/tf"] * shows])  # only rviz listens to the last
+    topics = " ".join(TOPICS.values())
     processes = [start_master()]
     for number in (signal.SIGALRM, signal.SIGCHLD):
         signal.signal(number, give_up)

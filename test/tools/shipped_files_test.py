@@ -169,16 +169,14 @@ class LaunchFiles(unittest.TestCase):
         self.assertLessEqual({"overload": "block", "device": "cpu"}.items(), parameters_of(config).items())
         self.assertIn("--clock", node_of(config, "player").args)
         self.assertIn("/some.bag", node_of(config, "player").args)
-        rviz = node_of(load("demo.launch", bag="/some.bag"), "rviz")
-        self.assertTrue(Path(rviz.args.split()[-1]).exists(), rviz.args)
+        viewer = node_of(load("demo.launch", bag="/some.bag"), "viewer")
+        self.assertTrue(Path(viewer.args.split()[1]).exists(), viewer.args)
+        self.assertIn("--occupancy", viewer.args)  # the synthetic room has its floor at 0
 
-    def test_rviz_has_the_frame_of_the_frontends_poses(self):
-        for launch, frame, arguments in (
-                ("frontends/stella_vslam_ros.launch", "map", ()), ("frontends/ov2slam.launch", "world", ()),
-                ("frontends/openvins.launch", "global", ()), ("frontends/rtabmap.launch", "odom", ()),
-                ("dense_mapper.launch", "earth", ("world_frame:=earth",))):
-            self.assertNotIn("rviz", [node.name for node in load(launch, *arguments).nodes])
-            self.assertIn(f"-f {frame} ", node_of(load(launch, "rviz:=true", *arguments), "rviz").args)
+    def test_rviz_is_started_in_the_mappers_namespace_when_asked_for(self):
+        for launch in ("dense_mapper.launch", "frontends/ov2slam.launch"):
+            self.assertNotIn("viewer", [node.name for node in load(launch).nodes])
+            self.assertEqual(node_of(load(launch, "rviz:=true", "namespace:=other"), "viewer").namespace, "/other/")
 
 
 class Frontends(unittest.TestCase):
@@ -336,7 +334,7 @@ class PackageXml(unittest.TestCase):
         nodes = load("dense_mapper.launch").nodes + load("demo.launch", bag="/some.bag").nodes
         nodes += [node for node in load("consumers/voxblox.launch").nodes if node.package != "voxblox_ros"]
         packages = {node.package for node in nodes} - {"acmp_mapping"}
-        self.assertGreaterEqual(packages, {"nodelet", "rosbag", "rviz", "topic_tools"})
+        self.assertGreaterEqual(packages, {"nodelet", "rosbag", "topic_tools"})
         self.assertLessEqual(packages, self.names("exec"))
 
     def test_ubuntu_20_04_is_asked_for_nothing_that_rosdep_lacks_there(self):
@@ -378,22 +376,22 @@ class Viewers(unittest.TestCase):
         cls.foxglove = json.loads(read("config/foxglove_layout.json"))
 
     def test_topics_are_outputs(self):
-        of_rviz = [display[key] for display in self.rviz["Displays"] for key in ("Topic", "Image Topic") if key in display]
+        of_rviz = [display[key] for display in self.rviz["Displays"] for key in ("Topic", "Image Topic", "Marker Topic")
+                   if key in display]
         of_foxglove = [topic for panel in self.foxglove["configById"].values() for topic in
                        [*panel.get("topics", {}), *panel.get("imageMode", {}).values()]]
         of_rerun = [NAMESPACE + topic for topic in re.findall(r'"([\w/]+)": \(\w+, \w+\)', read("scripts/rerun_bridge.py"))]
         for topics, least in ((of_rviz, 1), (of_foxglove, 10), (of_rerun, 7)):
             self.assertGreaterEqual(len(topics), least)
-            self.assertLessEqual(set(topics), {NAMESPACE + name for name in interface_names()})
+            of_viewer = set(re.findall(r'Publisher\("(viewer/\w+)"', read("scripts/map_viewer.py")))
+            self.assertLessEqual(set(topics), {NAMESPACE + name for name in interface_names() | of_viewer})
 
-    def test_rvizs_clouds_have_the_channels_that_colour_them_and_its_frame_is_that_of_recorded_bags(self):
+    def test_rvizs_clouds_have_the_channels_that_colour_them(self):
         clouds = [display for display in self.rviz["Displays"] if display["Class"] == "rviz/PointCloud2"]
         fields = re.findall(r'"(\w+)", 1, kFloat', read("src/ros/output_conversion.cpp"))
         channels = {display.get("Channel Name") for display in clouds if display["Color Transformer"] == "Intensity"}
         self.assertEqual(channels, {"confidence"})
         self.assertLessEqual(channels, set(fields))
-        frame = re.search(r'kWorldFrame\[\] = "(\w+)"', read("include/acmp_mapping/bags/bag_recording.h")).group(1)
-        self.assertEqual(self.rviz["Global Options"]["Fixed Frame"], frame)
 
     def test_every_panel_of_foxglove_has_a_place(self):
         def places(part):
