@@ -15,8 +15,6 @@
 #include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/common/thread_limit.h"
 #include "acmp_mapping/common/timer.h"
-#include "acmp_mapping/dataset/image_codec.h"
-#include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/ros/callback_thread.h"
 #include "acmp_mapping/ros/diagnostics.h"
 
@@ -29,34 +27,6 @@ constexpr char kStopped[] = "the mapper is shutting down";
 
 /// A number that no earlier run of this mapper had, also of one before the program was started again.
 uint64_t NewRun() { return ros::WallTime::now().toNSec(); }
-
-void CheckMaskFile(const Mask& mask, const std::string& file, const PinholeCamera& camera) {
-  if (mask.width() == camera.width && mask.height() == camera.height) return;
-  throw InvalidInputError(Concat("~mask_file ", file, " of ", mask.width(), "x", mask.height(),
-                                 ": must have the image's size, ", camera.width, "x", camera.height));
-}
-
-/// A lens that shows its middle much larger than its rim has faces of many more pixels than its image.
-void CheckFaces(const std::vector<PinholeFace>& faces, const PinholeCamera& camera, size_t max_bytes) {
-  constexpr uint64_t kFacePixelBytes = 24;  // where each comes from, in two forms, and what is there
-  uint64_t pixels = 0;
-  for (const PinholeFace& face : faces) {
-    pixels += static_cast<uint64_t>(face.camera.width) * static_cast<uint64_t>(face.camera.height);
-  }
-  CheckMemory(Concat("a camera of ", camera.width, "x", camera.height, " pixels, whose lens needs ", pixels,
-                     " pixels without distortion,"),
-              pixels, kFacePixelBytes, max_bytes);
-}
-
-/// A JPEG file, or null for a size of 0. @param max_size px of the longer side
-std::shared_ptr<const std::string> KeptImage(const ColorImage& image, int max_size) {
-  if (max_size == 0) return nullptr;
-  int width = image.width(), height = image.height();
-  LimitSize(max_size, &width, &height);
-  ColorImage shrunk;
-  if (width != image.width() || height != image.height()) shrunk = Resize(image, width, height);
-  return std::make_shared<const std::string>(EncodeJpeg("the image to keep", shrunk.empty() ? image : shrunk));
-}
 
 /// Keyframes over which the time between two is measured.
 constexpr size_t kPaceKeyframes = 11;
@@ -104,9 +74,10 @@ MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions*
                            OutputPublisher* outputs, Hooks hooks)
     : node_options_(node_options),
       options_(options),
-      fixed_mask_(std::move(fixed_mask)),
       outputs_(outputs),
       hooks_(std::move(hooks)),
+      preparation_(node_options_, std::move(fixed_mask),
+                   [outputs](const RejectedInput& rejected) { outputs->Report(rejected); }),
       queue_(node_options.overload, static_cast<size_t>(1e9 * DefaultMemoryLimitGb()), SteadySeconds),
       run_(NewRun()),
       thread_([this] { Run(); }) {}
@@ -172,7 +143,7 @@ void MapperWorker::ResetGate() {
 
 void MapperWorker::BeginRun() {
   if (mapper_) mapper_->Reset();
-  ForgetRigs();  // another world may have another unit
+  preparation_.ForgetRigs();  // another world may have another unit
   run_ = NewRun();
   UpdateStatus([this](WorkerStatus*) { scene_depth_ = 0; });
 }
@@ -197,30 +168,19 @@ std::string MapperWorker::Reset() {
   });
 }
 
-RigCheck& MapperWorker::RigCheckOf(const std::string& topic) {
-  const std::lock_guard<std::mutex> lock(status_mutex_);
-  return rig_checks_[topic];
-}
-
-void MapperWorker::ForgetRigs() {
-  const std::lock_guard<std::mutex> lock(status_mutex_);
-  for (auto& [topic, check] : rig_checks_) check.Clear();
-}
-
 void MapperWorker::JudgeRigs(bool at_end) {
-  std::vector<std::pair<std::string, RigCheck*>> checks;
-  {
-    const std::lock_guard<std::mutex> lock(status_mutex_);
-    for (auto& [topic, check] : rig_checks_) checks.emplace_back(topic, &check);
-  }
-  std::string text;
-  for (const auto& [topic, check] : checks) {
-    const std::string verdict = check->Judge(at_end);
-    if (!verdict.empty()) text += Concat(text.empty() ? "" : "; ", "the source camera of ", topic, ": ", verdict);
-  }
+  const std::string text = preparation_.JudgeRigs(at_end);
   bool is_new = false;
   UpdateStatus([&](WorkerStatus* status) { is_new = std::exchange(status->rig, text) != text; });
   if (is_new && !text.empty()) outputs_->Report({"source_camera_place", text});
+}
+
+PreparationOptions MapperWorker::HowToPrepare() const {
+  PreparationOptions how;
+  how.run = run_;
+  if (auto_preset_) how.size = auto_preset_->setting().size;
+  how.uses_prior_depth = options_->Get().mapper.pipeline.fill.enabled;
+  return how;
 }
 
 std::string MapperWorker::RunCommand(bool urgent, const std::function<void()>& work) {
@@ -370,9 +330,8 @@ void MapperWorker::Process(const KeyframeInput& input) {
   Timer timer;
   UseOptions();
 
-  Capture capture = {PrepareFrames(input, true), {}};
+  const Capture capture = preparation_.Prepare(input, HowToPrepare());
   const Frame& frame = *capture.keyframes.front();
-  capture.companions = PrepareCompanions(input, frame);
   const double preparation_ms = timer.Lap();
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
@@ -432,125 +391,13 @@ void MapperWorker::ChooseSetting(double keyframe_ms) {
 void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
   if (mapper_) {
     UseOptions();
-    mapper_->AddCapture({{}, PrepareFrames(input, false)});
+    mapper_->AddCapture({{}, preparation_.PrepareSource(input, HowToPrepare())});
   }
   outputs_->Report(
       {"overload",
        Concat("keyframe ", FormatStamp(input.stamp_ns),
               " gets no maps, since the mapper is busy (~overload); others are matched against it", kWhenBusy),
        true});
-}
-
-Mask MapperWorker::MaskOf(const KeyframeInput& input) {
-  const PinholeCamera& camera = input.calibration->camera;
-  Mask mask;
-  try {
-    if (!fixed_mask_.empty()) {
-      CheckMaskFile(fixed_mask_, node_options_.mask_file, camera);
-      mask = fixed_mask_.Clone();
-    }
-    if (input.mask) mask = IntersectMasks(std::move(mask), DecodeMask(*input.mask, camera));
-  } catch (const InvalidInputError& error) {
-    outputs_->Report(
-        {"bad_mask", Concat("image ", FormatStamp(input.stamp_ns), " is used without it: ", error.what())});
-  }
-  return mask;
-}
-
-DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
-  if (!input.prior_depth) return {};
-  try {
-    if (!options_->Get().mapper.pipeline.fill.enabled) {
-      throw InvalidInputError("prior depth needs completion, which is off (~completion, ~preset)");
-    }
-    return DecodePriorDepth(*input.prior_depth);
-  } catch (const InvalidInputError& error) {
-    outputs_->Report(
-        {"bad_prior_depth", Concat("image ", FormatStamp(input.stamp_ns), " goes without: ", error.what())});
-    return {};
-  }
-}
-
-int MapperWorker::SizeOf(const PinholeCamera& face, const Camera& camera) const {
-  int width = 0, height = 0;
-  for (const Rectifier& rectifier : camera.rectifiers) {
-    width = std::max(width, rectifier.face().camera.width);
-    height = std::max(height, rectifier.face().camera.height);
-  }
-  const int longer_side = std::max(width, height);
-  int limit = node_options_.max_image_size > 0 ? std::min(node_options_.max_image_size, longer_side) : longer_side;
-  if (auto_preset_) limit = static_cast<int>(std::ceil(auto_preset_->setting().size * limit));
-  const double share = static_cast<double>(limit) / longer_side;
-  return std::max(1, static_cast<int>(std::lround(share * std::max(face.width, face.height))));
-}
-
-cv::Mat MapperWorker::Decode(const EncodedImage& image, const CalibrationPtr& calibration, Camera* camera) {
-  if (!camera->calibration || !(*camera->calibration == *calibration)) {
-    const Lens lens = calibration->MakeLens();
-    Camera made;  // of its own: where that fails, the next image must not find half of it
-    made.calibration = calibration;
-    if (node_options_.wide_faces == WideFaces::kOff) {
-      made.rectifiers.emplace_back(lens);
-    } else {
-      std::vector<PinholeFace> faces = FacesOf(lens);
-      CheckFaces(faces, lens.camera(), static_cast<size_t>(1e9 * node_options_.memory_limit_gb));
-      for (PinholeFace& face : faces) made.rectifiers.emplace_back(lens, std::move(face));
-    }
-    *camera = std::move(made);
-    if (!calibration->note.empty()) outputs_->Report({"assumed_lens", Concat(image.topic, ": ", calibration->note)});
-  }
-  const std::string note = camera->decoder.note();
-  cv::Mat rgb = camera->decoder.Decode(image, &calibration->camera);
-  if (!camera->decoder.note().empty() && camera->decoder.note() != note) {
-    outputs_->Report({"assumed_encoding", Concat(image.topic, ": ", camera->decoder.note())});
-  }
-  camera->rectifiers.front().CheckSize(rgb.cols, rgb.rows);  // before their tables are made
-  return rgb;
-}
-
-std::vector<FramePtr> MapperWorker::PrepareFrames(const KeyframeInput& input, bool keeps_image) {
-  const cv::Mat rgb = Decode(*input.image, input.calibration, &camera_);
-  const Mask mask = MaskOf(input);
-  const DepthMap prior_depth = PriorDepthOf(input);
-  std::vector<FramePtr> frames;
-  for (const Rectifier& rectifier : camera_.rectifiers) {
-    const PinholeFace& face = rectifier.face();
-    const Mask face_mask = rectifier.RectifyMask(mask);
-    if (!frames.empty() && IgnoresAll(face_mask)) continue;
-    const KeyframeOrigin origin = input.OfFace(face);
-    ColorImage image = rectifier.Rectify(rgb);
-    std::shared_ptr<const std::string> jpeg = KeptImage(image, keeps_image ? node_options_.keep_images : 0);
-    Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), face.camera,
-                            origin.world_from_cam.inverse(), input.landmarks_in_world, SizeOf(face.camera, camera_),
-                            face_mask, rectifier.RectifyDepth(prior_depth));
-    frames.push_back(
-        std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), origin, run_, std::move(jpeg)}));
-  }
-  return frames;
-}
-
-std::vector<FramePtr> MapperWorker::PrepareCompanions(const KeyframeInput& input, const Frame& keyframe) {
-  std::vector<FramePtr> companions;
-  for (const SourceImage& source : input.source_images) {
-    try {
-      Camera& camera = source_cameras_[source.image->topic];
-      const cv::Mat rgb = Decode(*source.image, source.calibration, &camera);
-      const RigidTransform source_from_world = source.source_from_cam * input.world_from_cam.inverse();
-      for (const Rectifier& rectifier : camera.rectifiers) {
-        const PinholeFace& face = rectifier.face();
-        Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, rectifier.Rectify(rgb),
-                                face.camera, RigidTransform(face.lens_from_face.transpose()) * source_from_world, {},
-                                SizeOf(face.camera, camera), rectifier.RectifyMask({}));
-        frame.color = {};  // points get their colours from the keyframe
-        if (&rectifier == &camera.rectifiers.front()) RigCheckOf(source.image->topic).Add(keyframe, frame);
-        companions.push_back(std::make_shared<const Frame>(std::move(frame)));
-      }
-    } catch (const InvalidInputError& error) {
-      outputs_->Report({"bad_source_image", Concat("image ", FormatStamp(input.stamp_ns), " goes without that of ",
-                                                   source.image->topic, ": ", error.what())});
-    }
-  }
-  return companions;
 }
 
 }  // namespace acmp

@@ -11,11 +11,10 @@
 #include <vector>
 
 #include "acmp_mapping/common/stop_request.h"
-#include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/intake/keyframe_gate.h"
-#include "acmp_mapping/intake/rig_check.h"
 #include "acmp_mapping/mapping/auto_preset.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
+#include "acmp_mapping/ros/frame_preparation.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/options.h"
 #include "acmp_mapping/ros/output_publisher.h"
@@ -129,26 +128,7 @@ class MapperWorker {
   void WarmUp();
   /// Of preset: auto, after a keyframe that took so long.
   void ChooseSetting(double keyframe_ms);
-  /// A camera's images on their way to frames.
-  struct Camera {
-    CalibrationPtr calibration;
-    ImageDecoder decoder;
-    std::deque<Rectifier> rectifiers;  ///< one, or one for each face of a wide image
-  };
-  cv::Mat Decode(const EncodedImage& image, const CalibrationPtr& calibration, Camera* camera);
-  /// At which a face of a camera's images is matched, px of the longer side: the limit is that of the largest face.
-  int SizeOf(const PinholeCamera& face, const Camera& camera) const;
-  /// ReceivedFrame's: one, or several faces of a wide image.
-  /// @param keeps_image as ~keep_images says; else not
-  std::vector<FramePtr> PrepareFrames(const KeyframeInput& input, bool keeps_image);
-  /// The source cameras' images that were taken with it. One that cannot be used is told and left out.
-  std::vector<FramePtr> PrepareCompanions(const KeyframeInput& input, const Frame& keyframe);
-  /// Of the image as sent: what the mask of all images and its own leave. One that cannot be used is told and left out.
-  Mask MaskOf(const KeyframeInput& input);
-  /// Of the image as sent; empty: it has none. One that cannot be used is told and left out.
-  DepthMap PriorDepthOf(const KeyframeInput& input);
-  RigCheck& RigCheckOf(const std::string& topic);
-  void ForgetRigs();
+  PreparationOptions HowToPrepare() const;
   /// Has the worker do `work` and waits for it. Empty when done, else why not.
   std::string RunCommand(bool urgent, const std::function<void()>& work);
   template <class Change>
@@ -159,17 +139,16 @@ class MapperWorker {
 
   const NodeOptions node_options_;
   const SharedOptions* const options_;
-  const Mask fixed_mask_;
   OutputPublisher* const outputs_;
   const Hooks hooks_;
-  StopRequest stop_;  ///< what the mapper is at shall end soon: a reset or the end waits for it
+  FramePreparation preparation_;  ///< the worker's, but for its rigs
+  StopRequest stop_;              ///< what the mapper is at shall end soon: a reset or the end waits for it
   WorkQueue<KeyframeInput, Command> queue_;
 
   mutable std::mutex status_mutex_;
   WorkerStatus status_;
-  std::map<std::string, RigCheck> rig_checks_;  ///< by topic; the map grows under status_mutex_, and nothing leaves it
-  std::deque<int64_t> newest_stamps_ns_;        ///< of keyframes that were queued, also of those that get no maps
-  InputPace pace_;                              ///< of the same
+  std::deque<int64_t> newest_stamps_ns_;  ///< of keyframes that were queued, also of those that get no maps
+  InputPace pace_;                        ///< of the same
   KeyframeGate gate_;
   double scene_depth_ = 0;  ///< that the mapper knows; 0: none
   std::atomic<uint64_t> not_chosen_{0};
@@ -179,12 +158,9 @@ class MapperWorker {
   std::unique_ptr<DepthEngine> output_engine_;
   std::unique_ptr<DenseMapper> mapper_;
   std::string device_error_;
-  Camera camera_;
-  std::map<std::string, Camera> source_cameras_;  ///< by topic
   std::optional<AutoPreset> auto_preset_;
   bool may_catch_up_ = false;  ///< something may have been put off
   double catch_up_s_ = 0.01;   ///< the longest that one thing of it has taken lately
-  int64_t next_id_ = 0;        ///< never goes back, whatever stamps do
   uint64_t run_ = 0;
 
   std::thread thread_;  // last: it starts when everything above exists
