@@ -1,69 +1,291 @@
 #include "acmp_mapping/bags/bag_check.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
+#include <functional>
+#include <iterator>
+#include <map>
 #include <optional>
+#include <set>
 
 #include <rosbag/view.h>
-#include <tf2/buffer_core.h>
+#include <sensor_msgs/image_encodings.h>
 #include <tf2_msgs/TFMessage.h>
+#include <boost/algorithm/string/predicate.hpp>
 
 #include "acmp_mapping/ros/bag_file.h"
 #include "acmp_mapping/ros/checked_messages.h"
-#include "acmp_mapping/ros/tf_lookup.h"
-#include "bag_feed.h"
+#include "acmp_mapping/ros/topic_names.h"
+#include "bag_player.h"
 
 namespace acmp {
 namespace {
 
-constexpr size_t kFewestKeyframes = 3;  // keyframes: one waits for two source views
-constexpr std::array<const char*, 4> kPoseSources = {"pose", "pose_cov", "odom", "transform"};  // in the order of types
+using Bags = std::vector<const rosbag::Bag*>;
+using TopicTypes = std::vector<std::string>;  ///< in the order of preference
 
-bool IsMost(size_t part, size_t whole) { return static_cast<double>(part) >= 0.9 * static_cast<double>(whole); }
+template <class... Messages>
+TopicTypes TypesOf() {
+  return {ros::message_traits::DataType<Messages>::value()...};
+}
+const TopicTypes& ImageTypes() {
+  static const TopicTypes types = TypesOf<sensor_msgs::Image, sensor_msgs::CompressedImage>();
+  return types;
+}
+const TopicTypes& CloudTypes() {
+  static const TopicTypes types = TypesOf<sensor_msgs::PointCloud2, sensor_msgs::PointCloud>();
+  return types;
+}
+const TopicTypes kInfoTypes = TypesOf<sensor_msgs::CameraInfo>(), kTfTypes = TypesOf<tf2_msgs::TFMessage>();
+TopicTypes PoseTypes() {
+  TopicTypes types;
+  for (const PoseSourceRow& row : PoseSourceRows()) types.push_back(row.type);
+  return types;
+}
 
-/// Transforms of a bag: those that never change, or all.
-void LoadTransforms(const rosbag::Bag& bag, bool only_static, tf2::BufferCore* buffer) {
-  for (const rosbag::MessageInstance& record : rosbag::View(bag, rosbag::TypeQuery(kTfType))) {
-    const bool is_static = record.getTopic().find("tf_static") != std::string::npos;
-    if (only_static && !is_static) continue;
-    const auto message = InstantiateChecked<tf2_msgs::TFMessage>(record);
-    if (!message) continue;
-    for (const auto& transform : message->transforms) {
-      try {
-        buffer->setTransform(transform, "bag", is_static);
-      } catch (const std::exception&) {  // a stamp that tf cannot hold: what is missing shows where it is looked up
-      }
+/// Calls use(view) with what a query chooses of all bags, in the order of time.
+template <class Query, class Use>
+void WithView(const Bags& bags, const Query& query, const Use& use) {
+  rosbag::View view;
+  for (const rosbag::Bag* bag : bags) view.addQuery(*bag, query);
+  use(view);
+}
+
+std::vector<BagTopic> ReadTopics(const Bags& bags) {
+  std::map<std::string, std::string> types;
+  for (const rosbag::Bag* bag : bags) {
+    for (const rosbag::ConnectionInfo* connection : rosbag::View(*bag).getConnections()) {
+      types[connection->topic] = connection->datatype;
     }
   }
-}
-
-std::string RootOf(const tf2::BufferCore& buffer, const std::string& frame) {
-  constexpr int kMaxChain = 1000;  // a corrupt tree may be a loop
-  std::string root = frame, parent;
-  for (int i = 0; i < kMaxChain && buffer._getParent(root, ros::Time(), parent); ++i) root = parent;
-  return root;
-}
-
-/// The tolerance that nearly all of the rarer of images and poses need; none where that is sensible for no camera.
-std::optional<double> NeededTolerance(const Stream& images, const Stream& poses) {
-  constexpr double kLargestSensible_s = 0.05;  // a hand-held camera moves visibly in that time
-  std::vector<int64_t> rarer = images.stamps_ns, others = poses.stamps_ns;  // poses of keyframes only, or of an IMU
-  if (others.size() < rarer.size()) std::swap(rarer, others);
-  if (rarer.empty()) return std::nullopt;
-  std::sort(others.begin(), others.end());
-  std::vector<double> gaps_s;
-  for (const int64_t stamp_ns : rarer) {
-    const auto after = std::lower_bound(others.begin(), others.end(), stamp_ns);
-    int64_t gap_ns = std::numeric_limits<int64_t>::max();
-    if (after != others.end()) gap_ns = *after - stamp_ns;
-    if (after != others.begin()) gap_ns = std::min(gap_ns, stamp_ns - *std::prev(after));
-    gaps_s.push_back(static_cast<double>(gap_ns) * 1e-9);
+  std::vector<BagTopic> topics;
+  for (const auto& [name, type] : types) {
+    WithView(bags, rosbag::TopicQuery(name), [&, &name = name, &type = type](rosbag::View& view) {
+      topics.push_back({name, type, view.size(), (view.getEndTime() - view.getBeginTime()).toSec()});
+    });
   }
-  std::sort(gaps_s.begin(), gaps_s.end());
-  const double needed_s = gaps_s[static_cast<size_t>(0.95 * static_cast<double>(gaps_s.size() - 1))];
-  return needed_s <= kLargestSensible_s ? std::make_optional(needed_s) : std::nullopt;
+  return topics;
+}
+
+/// Chooses what a user has not named, by types and names.
+class TopicChooser {
+ public:
+  TopicChooser(const Bags& bags, const std::vector<BagTopic>& topics) : topics_(topics) {
+    std::set<std::string> seen;
+    WithView(bags, rosbag::TypeQuery(ImageTypes().front()), [&](rosbag::View& view) {
+      for (const rosbag::MessageInstance& record : view) {
+        if (!seen.insert(record.getTopic()).second) continue;
+        const auto image = record.instantiate<sensor_msgs::Image>();
+        const std::string encoding = image ? image->encoding : "";
+        namespace encodings = sensor_msgs::image_encodings;
+        if (encoding == encodings::TYPE_16UC1 || encoding == encodings::TYPE_32FC1) depth_.insert(record.getTopic());
+      }
+    });
+  }
+
+  TopicChoice Choose(const TopicChoice& wanted) const {
+    TopicChoice chosen = wanted;
+    const auto named_mask = [&](const BagTopic& topic) {
+      return boost::algorithm::ends_with(topic.name, "mask") && topic.name != wanted.image;
+    };
+    chosen.mask = Find({ImageTypes().front()}, wanted.mask, "--mask", named_mask);
+    const auto any = [](const BagTopic&) { return true; };
+    const auto no_mask = [&](const BagTopic& topic) { return topic.name != chosen.mask; };
+    const auto picture = [&](const BagTopic& topic) { return no_mask(topic) && depth_.count(topic.name) == 0; };
+    chosen.image = Find(ImageTypes(), wanted.image, "--image", picture);
+    if (chosen.image.empty()) chosen.image = Find(ImageTypes(), "", "--image", no_mask);
+    const std::string beside = InfoBeside(chosen.image);
+    chosen.camera_info =
+        Find(kInfoTypes, wanted.camera_info.empty() ? beside : wanted.camera_info, "--camera-info", any);
+    for (size_t i = 0; i < wanted.source_images.size(); ++i) {
+      const std::string& image = wanted.source_images[i];
+      chosen.source_images[i] = Find(ImageTypes(), image, "--source-image", any);
+      if (i == chosen.source_camera_infos.size()) chosen.source_camera_infos.push_back(InfoBeside(image));
+      std::string& info = chosen.source_camera_infos[i];
+      if (info.empty()) throw InvalidInputError(Concat("--source-image ", image, ": give its --source-camera-info"));
+      info = Find(kInfoTypes, info, "--source-camera-info", any);
+    }
+    if (TypeOfTopic(wanted.pose) == kTfTypes.front()) {
+      chosen.pose.clear();
+    } else {
+      chosen.pose = Find(PoseTypes(), wanted.pose, "--pose", any);
+    }
+    chosen.sparse_points = Find(CloudTypes(), wanted.sparse_points, "--sparse-points", any);
+    return chosen;
+  }
+
+  std::string TypeOfTopic(const std::string& name) const {
+    const auto found = std::find_if(topics_.begin(), topics_.end(), [&](const BagTopic& t) { return t.name == name; });
+    return found == topics_.end() ? "" : found->type;
+  }
+  bool IsCompressed(const std::string& image) const { return TypeOfTopic(image) == ImageTypes().back(); }
+  /// As the mapper takes it: with image_transport: compressed by its base name.
+  std::string BaseOf(const std::string& image) const { return IsCompressed(image) ? WithoutCompressed(image) : image; }
+
+  /// The camera_info beside an image's topic; empty: there is none.
+  std::string InfoBeside(const std::string& image) const {
+    const std::string base = BaseOf(image);
+    const std::string beside = base.substr(0, base.rfind('/') + 1) + names::kCameraInfo;
+    return TypeOfTopic(beside).empty() ? "" : beside;
+  }
+
+  /// Others of these types, each after a space.
+  std::string Others(const TopicTypes& types, const std::string& chosen, const std::string& mask) const {
+    std::string others;
+    for (const BagTopic& topic : topics_) {
+      const bool fits = std::find(types.begin(), types.end(), topic.type) != types.end();
+      if (fits && topic.name != chosen && topic.name != mask) others += " " + topic.name;
+    }
+    return others;
+  }
+
+  /// Another camera that may be fixed to the chosen one: its images are of the same type and number, with a camera_info
+  /// of their own.
+  std::optional<TopicChoice> SecondCamera(const TopicChoice& chosen) const {
+    const auto images =
+        std::find_if(topics_.begin(), topics_.end(), [&](const BagTopic& topic) { return topic.name == chosen.image; });
+    for (const BagTopic& topic : topics_) {
+      if (images == topics_.end() || topic.type != images->type || topic.messages != images->messages) continue;
+      const std::string info = InfoBeside(topic.name);
+      if (topic.name == chosen.image || topic.name == chosen.mask || info.empty() || info == chosen.camera_info)
+        continue;
+      TopicChoice pair = chosen;
+      pair.source_images = {topic.name};
+      pair.source_camera_infos = {info};
+      return pair;
+    }
+    return std::nullopt;
+  }
+
+ private:
+  /// The wanted topic, or the preferred one, with the most messages, that is suitable; empty when there is none.
+  std::string Find(const TopicTypes& types, const std::string& wanted, const char* option,
+                   const std::function<bool(const BagTopic&)>& is_suitable) const {
+    const auto preference = [&](const BagTopic& topic) { return std::find(types.begin(), types.end(), topic.type); };
+    const BagTopic* best = nullptr;
+    for (const BagTopic& topic : topics_) {
+      if (wanted.empty() ? preference(topic) == types.end() || !is_suitable(topic) : topic.name != wanted) continue;
+      const bool better = !best || preference(topic) < preference(*best) ||
+                          (topic.type == best->type && topic.messages > best->messages);
+      if (better) best = &topic;
+    }
+    if (!best && !wanted.empty()) throw InvalidInputError(Concat(option, " ", wanted, ": not in the bag"));
+    if (best && preference(*best) == types.end()) {
+      throw InvalidInputError(
+          Concat(option, " ", wanted, ": has type ", best->type, ", which the mapper cannot use there"));
+    }
+    return best ? best->name : "";
+  }
+
+  const std::vector<BagTopic>& topics_;
+  std::set<std::string> depth_;  ///< images that are depth maps, as RGB-D cameras have
+};
+
+/// The root of the tf tree with the images' frame, as their first one has it; empty: tf has no pose for them.
+std::string WorldOfTf(const Bags& bags, const std::string& image_topic) {
+  std::string frame;
+  const auto take_header = [&](const auto& message) {
+    if (message && frame.empty()) frame = StripLeadingSlash(message->header.frame_id);
+  };
+  WithView(bags, rosbag::TopicQuery(image_topic), [&](rosbag::View& view) {
+    if (view.size() == 0) return;
+    take_header(view.begin()->instantiate<sensor_msgs::Image>());
+    take_header(view.begin()->instantiate<sensor_msgs::CompressedImage>());
+  });
+  std::map<std::string, std::string> parents;
+  WithView(bags, rosbag::TopicQuery(std::vector<std::string>{names::kTf, names::kTfStatic}), [&](rosbag::View& view) {
+    for (const rosbag::MessageInstance& record : view) {
+      const auto message = InstantiateChecked<tf2_msgs::TFMessage>(record);
+      if (!message) continue;
+      for (const auto& t : message->transforms) {
+        parents[StripLeadingSlash(t.child_frame_id)] = StripLeadingSlash(t.header.frame_id);
+      }
+    }
+  });
+  std::string root = frame;
+  for (size_t i = 0; i < parents.size() && parents.count(root) > 0; ++i) root = parents[root];  // there may be a loop
+  return root == frame ? "" : root;
+}
+
+/// How the mapper is given the topics, as its launch file takes them: names of inputs, and parameters.
+struct Wiring {
+  std::map<std::string, std::string> remaps;
+  std::string line;  ///< of roslaunch
+
+  void Set(const std::string& argument, const std::string& value) { line += Concat(" ", argument, ":=", value); }
+  void Remap(const std::string& input, const std::string& topic) {
+    if (topic.empty()) return;
+    remaps[input] = topic;
+    Set(input, topic);
+  }
+};
+
+Wiring MakeWiring(const TopicChooser& topics, const TopicChoice& chosen, const NodeOptions& options, bool again) {
+  Wiring wiring = {{}, "roslaunch acmp_mapping dense_mapper.launch"};
+  wiring.Set("namespace", again ? "acmp_again" : "acmp");
+  wiring.Remap(names::kImage, topics.BaseOf(chosen.image));
+  if (options.image_transport == ImageTransport::kCompressed) wiring.Set("image_transport", "compressed");
+  if (!options.calibration_file.empty()) {
+    wiring.Set("calibration_file", std::filesystem::absolute(options.calibration_file).string());
+  } else {
+    wiring.Remap(names::kCameraInfo, chosen.camera_info);
+  }
+  if (options.pose_source == PoseSource::kTf) {
+    wiring.Set("pose_source", "tf");
+    wiring.Set("world_frame", options.world_frame);
+  }
+  for (const PoseSourceRow& row : PoseSourceRows()) {
+    if (row.source != options.pose_source) continue;
+    if (row.source != NodeOptions().pose_source) wiring.Set("pose_source", row.name);
+    wiring.Remap(row.name, chosen.pose);
+  }
+  if (options.pose.direction != PoseSemantics().direction) wiring.Set("pose_is", Name(options.pose.direction));
+  if (options.pose.child != PoseSemantics().child) wiring.Set("pose_child", Name(options.pose.child));
+  const bool is_new = topics.TypeOfTopic(chosen.sparse_points) == CloudTypes().front();
+  wiring.Remap(is_new ? names::kSparsePoints : names::kSparsePointsV1, chosen.sparse_points);
+  wiring.Remap(names::kMask, chosen.mask);
+  const size_t sources = chosen.source_images.size();
+  if (sources == 1) wiring.Set("stereo", "true");
+  if (sources > 1) wiring.Set("source_cameras", Concat(sources));
+  for (size_t i = 0; i < sources; ++i) {
+    wiring.Remap(names::kSourceImages[i], topics.BaseOf(chosen.source_images[i]));
+    wiring.Remap(names::kSourceCameraInfos[i], chosen.source_camera_infos[i]);
+  }
+  if (options.keyframe_mode == KeyframeMode::kGate) wiring.Set("keyframe_mode", "gate");
+  if (options.matcher.sync_tolerance_s != InputMatcherOptions().sync_tolerance_s) {
+    wiring.Set("sync_tolerance", Concat(options.matcher.sync_tolerance_s));
+  }
+  return wiring;
+}
+
+/// What the recording tells of the mapper's options.
+NodeOptions OptionsFor(const Bags& bags, const TopicChooser& topics, const TopicChoice& chosen, NodeOptions options,
+                       const std::vector<BagTopic>& all) {
+  options.matcher.source_cameras = static_cast<int>(chosen.source_images.size());
+  options.image_transport = topics.IsCompressed(chosen.image) ? ImageTransport::kCompressed : ImageTransport::kRaw;
+  for (const PoseSourceRow& row : PoseSourceRows()) {
+    if (row.type == topics.TypeOfTopic(chosen.pose)) options.pose_source = row.source;
+  }
+  if (chosen.pose.empty() && !chosen.image.empty()) {
+    if (const std::string world = WorldOfTf(bags, chosen.image); !world.empty()) {
+      options.pose_source = PoseSource::kTf;
+      options.world_frame = world;
+    }
+  }
+  // A video has a pose for nearly each of its images.
+  constexpr double kVideo_hz = 5, kNearlyAll = 0.9;
+  constexpr size_t kFewest = 30;
+  size_t images = 0, poses = options.pose_source == PoseSource::kTf ? SIZE_MAX : 0;
+  double hz = 0;
+  for (const BagTopic& topic : all) {
+    if (topic.name == chosen.pose) poses = topic.messages;
+    if (topic.name != chosen.image) continue;
+    images = topic.messages;
+    hz = topic.duration_s > 0 ? static_cast<double>(images) / topic.duration_s : 0;
+  }
+  const bool is_posed = static_cast<double>(poses) >= kNearlyAll * static_cast<double>(images);
+  if (images >= kFewest && hz > kVideo_hz && is_posed) options.keyframe_mode = KeyframeMode::kGate;
+  return options;
 }
 
 struct Findings : std::vector<Finding> {
@@ -74,319 +296,141 @@ struct Findings : std::vector<Finding> {
   }
 };
 
-void ReportOthers(const BagTopics& topics, const std::vector<std::string>& types, const std::string& chosen,
-                  const std::string& wanted, const char* option, Findings* findings) {
-  if (!wanted.empty() || chosen.empty()) return;
-  std::string others;
-  for (const BagTopic& topic : topics.all) {
-    const bool fits = std::find(types.begin(), types.end(), topic.type) != types.end();
-    if (fits && topic.name != chosen && topic.name != topics.chosen.mask) others += " " + topic.name;
+std::string ValueOf(const diagnostic_updater::DiagnosticStatusWrapper& status, const std::string& key) {
+  for (const auto& value : status.values) {
+    if (value.key == key) return value.value;
   }
-  if (others.empty()) return;
-  findings->Add(Severity::kWarning, "checked ", chosen, "; there is also", others, "; choose with ", option);
+  return "";
 }
 
-/// Another camera of the bag that may be fixed to the chosen one: its images are of the same type and number, with a
-/// camera_info of its own. Taken as a source camera, so that the intake tells whether it is one. Returns whether there
-/// is one.
-bool AddSecondCamera(BagTopics* topics) {
-  TopicChoice* chosen = &topics->chosen;
-  const BagTopic images = topics->Find(chosen->image);
-  for (const BagTopic& topic : topics->all) {
-    const std::string info = CameraInfoBeside(topics->all, topic.name);
-    const bool same = topic.type == images.type && topic.messages == images.messages && topic.messages > 0;
-    if (!same || topic.name == chosen->image || topic.name == chosen->mask) continue;
-    if (info.empty() || info == chosen->camera_info) continue;
-    chosen->source_images = {topic.name};
-    chosen->source_camera_infos = {info};
-    return true;
+/// What the mapper's diagnostics and log say at the end.
+void ReportSnapshot(const MapperSnapshot& snapshot, bool is_reading_wrong, Findings* findings) {
+  diagnostic_updater::DiagnosticStatusWrapper inputs, matching;
+  DescribeInputs(snapshot, &inputs);
+  DescribeMatching(snapshot, &matching);
+  for (size_t i = 0; i < snapshot.inputs.size(); ++i) {
+    const InputStatus& input = snapshot.inputs[i];
+    const bool is_missing = input.received == 0;
+    if (is_missing && !input.is_wanted() && input.advice.empty()) continue;
+    findings->Add(!is_missing      ? Severity::kOk
+                  : input.required ? Severity::kError
+                                   : Severity::kWarning,
+                  input.topic, ": ", inputs.values[i].value);
   }
-  return false;
-}
-
-/// Arguments for the source cameras.
-std::string SourceArguments(const TopicChoice& chosen) {
-  const size_t count = chosen.source_images.size();
-  std::string arguments = count == 1 ? "stereo:=true" : Concat("source_cameras:=", count);
-  for (size_t i = 0; i < count; ++i) {
-    const std::string number = i == 0 ? "" : Concat("_", i + 1);
-    arguments += Concat(" source_image", number, ":=", WithoutCompressed(chosen.source_images[i]),
-                        " source_camera_info", number, ":=", chosen.source_camera_infos[i]);
-  }
-  return arguments;
-}
-
-/// What the messages themselves have wrong, or what they are.
-void ReportStream(const std::string& name, const Stream& stream, size_t fewest, const std::string& content,
-                  Findings* findings) {
-  if (stream.refused > 0) {
-    findings->Add(stream.used() >= fewest ? Severity::kWarning : Severity::kError, name, ": ", stream.refused, " of ",
-                  stream.size(), " cannot be used; the first one: ", stream.refusal);
-  }
-  if (stream.used() < fewest) {
-    findings->Add(Severity::kError, name, ": only ", stream.used(), " are usable, at least ", fewest, " needed");
-  } else {
-    findings->Add(Severity::kOk, name, ": ", stream.used(), content, ", frame \"", stream.frame, "\"");
-  }
-}
-
-void ReportImages(const BagTopics& topics, const IntakeRun& run, Findings* findings) {
-  if (run.images.size() == 0) {
-    return findings->Add(Severity::kError, "no images: the bag has no sensor_msgs/Image or CompressedImage messages");
-  }
-  std::string sizes;
-  for (const auto& [width, height] : run.sizes) sizes += Concat(", ", width, "x", height, " px");
-  ReportStream("images " + topics.chosen.image, run.images, kFewestKeyframes, ", " + run.encoding + sizes, findings);
-}
-
-void ReportCamera(const BagTopics& topics, const std::string& calibration_file, const IntakeRun& run,
-                  Findings* findings) {
-  if (run.infos.size() == 0) {
-    return findings->Add(Severity::kWarning,
-                         "no camera_info: set ~calibration_file to a file of camera_calibration "
-                         "(convert_calibration.py makes one of the frontend's own), here --calibration-file");
-  }
-  const std::string name =
-      calibration_file.empty() ? "camera_info " + topics.chosen.camera_info : "calibration " + calibration_file;
-  const PinholeCamera camera = run.calibration ? run.calibration->camera : PinholeCamera();
-  ReportStream(name, run.infos, 1, Concat(", fx ", camera.fx, ", fy ", camera.fy), findings);
-  if (!run.calibration) return;
-  for (const auto& [width, height] : run.sizes) {
-    if (width == camera.width && height == camera.height) continue;
-    findings->Add(Severity::kError, name, ": is for ", camera.width, "x", camera.height, " px, an image has ", width,
-                  "x", height);
-  }
-  if (!run.names_a_model) {
-    findings->Add(Severity::kWarning, name, ": names no distortion model; the images are taken as undistorted");
-  }
-}
-
-/// @param verdict of images, of the reading in `options`
-/// @param has_source whether images have one of a source camera
-void ReportPoses(const BagTopics& topics, const NodeOptions& options, const IntakeRun& run,
-                 const ReadingVerdict& verdict, bool has_source, Findings* findings) {
-  if (options.pose_source == PoseSource::kTf) {
-    return findings->Add(Severity::kOk, "poses are those of tf, \"", run.images.frame, "\" in \"", options.world_frame,
-                         "\": ~pose_source: tf");
-  }
-  if (run.poses.size() == 0) {
-    return findings->Add(Severity::kError,
-                         "no poses: neither a PoseStamped, PoseWithCovarianceStamped, Odometry or TransformStamped "
-                         "topic nor a transform tree that reaches the images' frame");
-  }
-  const std::string name = "poses " + topics.chosen.pose;
-  ReportStream(name, run.poses, kFewestKeyframes, Concat(", path length ", run.path, " (units of the poses)"),
-               findings);
-  if (run.poses.used() > 1 && run.path == 0) {
-    findings->Add(has_source ? Severity::kWarning : Severity::kError, name,
-                  ": all at the same position; without a baseline there is no depth",
-                  has_source ? " but by another camera" : "");
-  }
-  const bool fits = verdict.share && *verdict.share >= ReadingVerdict::kFittingShare;
-  if (verdict.share && verdict.text.empty()) {
-    findings->Add(fits ? Severity::kOk : Severity::kWarning, "poses read as ", Describe(options.pose), " put ",
-                  std::lround(100 * *verdict.share), " % of the matches between images where they should lie",
-                  fits ? std::string()
-                       : Concat(", and no other reading that was tried fits: stamps or calibration are wrong, ",
-                                options.pose.child == PoseSemantics::Child::kBody
-                                    ? "T_body_cam is"
-                                    : "these are poses of a body (~pose_child: body)",
-                                ", or the frontend has lost track"));
-  }
-  const std::string& camera = run.images.frame;
-  const bool body = options.pose.child == PoseSemantics::Child::kBody;
-  if (run.child_frame.empty() || camera.empty() || run.child_frame == camera) return;
-  if (!body && verdict.share && !verdict.NothingFits()) return;
-  findings->Add(body ? Severity::kWarning : Severity::kOk, "poses are those of \"", run.child_frame,
-                "\" (child_frame_id), images of \"", camera, "\": ",
-                body ? "set ~pose_child: body" : "if these are two frames, set ~pose_child: body and T_body_cam");
-}
-
-void ReportCompanions(const BagTopics& topics, const IntakeRun& run, Findings* findings) {
-  if (run.clouds.size() == 0) {
-    findings->Add(Severity::kWarning,
-                  "no sparse points: add depth_min:= and depth_max:=, the distances of the nearest and the farthest "
-                  "surface in the unit of the poses");
-  } else {
-    std::string content;
-    if (run.share_in_front)
-      content += Concat(", ", std::lround(100 * *run.share_in_front), " % in front of the camera");
-    if (run.range) content += Concat(", depth range ", run.range->min, " to ", run.range->max);
-    ReportStream("sparse points " + topics.chosen.sparse_points, run.clouds, 1, content, findings);
-  }
-  if (run.masks.size() == 0) return;
-  const std::string name = "masks " + topics.chosen.mask;
-  ReportStream(name, run.masks, 1, "", findings);
-  findings->Add(run.masked > 0 ? Severity::kOk : Severity::kError, name, ": ", run.masked, " of ", run.keyframes,
-                " images have one with their stamp");
-}
-
-/// @param asked_for else nobody has said that the other camera is fixed to this one
-void ReportSources(const BagTopics& topics, IntakeRun* tells, bool asked_for, Findings* findings) {
-  const TopicChoice& chosen = topics.chosen;
-  const IntakeRun& run = *tells;
-  for (size_t i = 0; i < chosen.source_images.size(); ++i) {
-    const std::string verdict = tells->rigs[chosen.source_images[i]].Judge(true);
-    if (!verdict.empty() && asked_for) {
-      findings->Add(Severity::kWarning, "source images ", chosen.source_images[i], ": ", verdict);
-    }
-    const auto found = run.with_source.find(chosen.source_images[i]);
-    const size_t count = found == run.with_source.end() ? 0 : found->second;
-    const std::string what = Concat(count, " of ", run.keyframes, " images have one of ", chosen.source_images[i]);
-    if (asked_for) {
-      ReportStream("source images " + chosen.source_images[i], run.source_images[i], 1, "", findings);
-      findings->Add(count > 0 ? Severity::kOk : Severity::kError, "source images: ", what, "; ", run.source_places);
-    } else {
-      findings->Add(
-          Severity::kOk,
-          "if another camera is fixed to this one, its images can be source views: ", SourceArguments(chosen),
-          count > 0 ? Concat(" (", what, "; ", run.source_places, verdict.empty() ? "" : "; but ", verdict, ")") : "");
-    }
-  }
-}
-
-/// What became of the images, in the intake's own sentences.
-/// @param verdict of images, which tell more than points in view
-/// @param sources_asked_for else what is said of source cameras is left out
-void ReportIntake(const IntakeRun& run, double tolerance_s, const ReadingVerdict& verdict, bool sources_asked_for,
-                  Findings* findings) {
-  for (const std::string& text : run.warnings) findings->Add(Severity::kWarning, text);
-  for (const std::string& text : run.convention_warnings) {
-    if (verdict.text.empty()) findings->Add(Severity::kWarning, text);
-  }
-  if (run.time_jumps > 0) {
-    findings->Add(Severity::kWarning, "time runs backward ", run.time_jumps,
-                  " times; the mapper starts over at each (~on_time_jump)");
-  }
-  if (run.infos.size() == 0 || run.images.used() == 0) return;  // said above
-  for (const auto& [reason, rejection] : run.rejections) {
-    if (reason.find("source") != std::string::npos && !sources_asked_for) continue;
+  for (const auto& [reason, entry] : snapshot.drops) {
     // Many frontends pose some images alone.
-    const bool usual = reason == "no_pose" && IsMost(run.posed, run.poses.used());
-    findings->Add(usual ? Severity::kOk : Severity::kWarning, reason, ", ", rejection.count,
-                  " times; the first: ", rejection.first);
+    const bool usual = reason == "no_pose" && snapshot.matched > 0;
+    findings->Add(usual ? Severity::kOk : Severity::kWarning, reason, ", ", entry.count,
+                  " times; the last: ", entry.last_message);
   }
-  findings->Add(run.keyframes >= kFewestKeyframes ? Severity::kOk : Severity::kError, "the mapper takes ",
-                run.keyframes, " of ", run.images.used(), " images, with poses within ", tolerance_s, " s of them");
+  if (snapshot.last_gap) {
+    findings->Add(Severity::kWarning, "last image without a pose: ", ValueOf(matching, "last image without a pose"));
+  }
+  if (const std::string stamps = ValueOf(matching, "stamps of images and poses"); !stamps.empty()) {
+    findings->Add(Severity::kOk, "stamps of images and poses: ", stamps);
+  }
+  if (!snapshot.waiting_for.empty()) {
+    findings->Add(Severity::kWarning, snapshot.waiting_images, " images wait: ", snapshot.waiting_for);
+  }
+  if (!snapshot.convention_warning.empty() && !is_reading_wrong) {  // images tell more than points in view
+    findings->Add(Severity::kWarning, snapshot.convention_warning);
+  }
+  if (!snapshot.worker.rig.empty()) findings->Add(Severity::kWarning, snapshot.worker.rig);
+  if (snapshot.worker.pose_checks.stamp_offset_s) {
+    findings->Add(Severity::kWarning, DescribeStampOffset(*snapshot.worker.pose_checks.stamp_offset_s));
+  }
 }
 
-/// The command that starts the mapper for a bag's topics.
-std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, const IntakeRun& run, bool with_sources) {
-  const TopicChoice& chosen = topics.chosen;
-  std::string line = "roslaunch acmp_mapping dense_mapper.launch";
-  const auto set = [&line](const std::string& argument, const std::string& value) {
-    line += Concat(" ", argument, ":=", value);
-  };
-  // A recording of the mapper's own outputs must not be mixed with them.
-  const auto is_output = [](const BagTopic& topic) { return topic.name.rfind("/acmp/", 0) == 0; };
-  set("namespace", std::any_of(topics.all.begin(), topics.all.end(), is_output) ? "acmp_again" : "acmp");
-  set("image", WithoutCompressed(chosen.image));
-  if (topics.Find(chosen.image).type == ImageTypes().back()) set("image_transport", "compressed");
-  if (!options.calibration_file.empty()) {
-    set("calibration_file", std::filesystem::absolute(options.calibration_file).string());
-  } else if (chosen.camera_info.empty()) {
-    set("calibration_file", "CAMERA.yaml");
-  } else {
-    set("camera_info", chosen.camera_info);
-  }
-  if (options.pose_source == PoseSource::kTf) {
-    set("pose_source", "tf");
-    set("world_frame", options.world_frame);
-  } else {
-    const auto type = std::find(PoseTypes().begin(), PoseTypes().end(), topics.Find(chosen.pose).type);
-    const std::string source = kPoseSources.at(static_cast<size_t>(type - PoseTypes().begin()));
-    if (source != kPoseSources.front()) set("pose_source", source);
-    set(source, chosen.pose);
-    if (options.pose.direction != PoseSemantics().direction) set("pose_is", Name(options.pose.direction));
-    if (options.pose.child != PoseSemantics().child) set("pose_child", Name(options.pose.child));
-  }
-  if (!chosen.sparse_points.empty()) {
-    const bool is_new = topics.Find(chosen.sparse_points).type == CloudTypes().front();
-    set(is_new ? "sparse_points" : "sparse_points_v1", chosen.sparse_points);
-  }
-  if (!chosen.mask.empty()) set("mask", chosen.mask);
-  if (with_sources) line += " " + SourceArguments(chosen);
-  constexpr size_t kVideo = 30;
-  if (run.images.used() >= kVideo && IsMost(run.posed, run.images.used())) set("keyframe_mode", "gate");
-  if (options.matcher.sync_tolerance_s != InputMatcherOptions().sync_tolerance_s) {
-    set("sync_tolerance", Concat(options.matcher.sync_tolerance_s));
-  }
-  return line;
+void ReportReading(const PoseSemantics& semantics, const ReadingVerdict& verdict, Findings* findings) {
+  if (!verdict.share) return;
+  if (!verdict.text.empty()) return findings->Add(Severity::kError, kPosesDoNotFit, verdict.text);
+  const bool fits = *verdict.share >= ReadingVerdict::kFittingShare;
+  findings->Add(fits ? Severity::kOk : Severity::kError, "poses read as ", Describe(semantics), " put ",
+                std::lround(100 * *verdict.share), " % of the matches between images where they should lie",
+                fits ? ""
+                     : ", and no other reading that was tried fits: stamps or calibration are wrong, or T_body_cam, or "
+                       "these are poses of a body (~pose_child: body), or the frontend has lost track");
 }
 
-/// Poses from tf, where it has the images' frame. Returns whether it has.
-bool UseTf(const IntakeRun& run, const tf2::BufferCore& transforms, NodeOptions* options) {
-  const std::string& camera = run.images.frame;
-  const std::string root = RootOf(transforms, camera);
-  if (root.empty() || root == camera) return false;
-  options->pose_source = PoseSource::kTf;
-  options->world_frame = root;
-  return true;
-}
-
-/// Reads the poses as images say, or where they do not tell, as frames and tf do. Returns whether that is another
-/// reading, and says why.
-bool DeclareReading(const IntakeRun& run, const ReadingVerdict& verdict, NodeOptions* options, Findings* findings) {
+/// Another reading of the poses, where images say that it fits, or where they do not tell, frames and tf. Says why.
+std::optional<PoseSemantics> BetterReading(const BagPlayer& player, Findings* findings) {
+  const ReadingVerdict& verdict = player.verdict();
+  PoseSemantics reading = player.intake().pose_semantics();
   if (!verdict.fitting.empty()) {
     const PoseReading& best = verdict.fitting.front();
-    if (verdict.fitting.size() > 1 || !best.is_declared_by_name) return false;
-    findings->Add(Severity::kWarning, "set ~pose_is: ", Name(best.semantics.direction),
-                  ", ~pose_child: ", Name(best.semantics.child), verdict.text);
-    options->pose.direction = best.semantics.direction;
-    options->pose.child = best.semantics.child;
-    return true;
+    if (!best.is_declared_by_name) return std::nullopt;
+    reading.direction = best.semantics.direction;
+    reading.child = best.semantics.child;
+    findings->Add(Severity::kWarning, "set ~pose_is: ", Name(reading.direction), ", ~pose_child: ", Name(reading.child),
+                  verdict.text);
+    return reading;
   }
-  const bool body_is_known = run.semantics.body_from_cam && run.semantics.child != PoseSemantics::Child::kBody;
-  if (!body_is_known || verdict.NothingFits() || !verdict.FitsToo(PoseSemantics::Child::kBody)) return false;
-  options->pose.child = PoseSemantics::Child::kBody;
-  return true;
+  const bool body_is_known = reading.body_from_cam && reading.child != PoseSemantics::Child::kBody;
+  if (!body_is_known || verdict.NothingFits() || !verdict.FitsToo(PoseSemantics::Child::kBody)) return std::nullopt;
+  findings->Add(Severity::kWarning, "set ~pose_child: body", player.intake().DescribeDoubt());
+  reading.child = PoseSemantics::Child::kBody;
+  return reading;
 }
 
-BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
-  BagTopics topics = ChooseTopics(bag, asked.topics);
-  const bool asked_for_sources = !asked.topics.source_images.empty();
-  if (!asked_for_sources) AddSecondCamera(&topics);
-  const TopicChoice& chosen = topics.chosen;
-  NodeOptions options = asked.mapper;
-  options.matcher.source_cameras = static_cast<int>(chosen.source_images.size());
-  tf2::BufferCore buffer(ros::Duration(1e9));  // as long as any bag
-  LoadTransforms(bag, !chosen.pose.empty(), &buffer);
-  const TransformSource transforms = TransformsOf(&buffer);
+BagReport CheckOpened(const Bags& bags, const BagCheckOptions& asked) {
+  BagReport report;
+  report.topics = ReadTopics(bags);
+  const TopicChooser topics(bags, report.topics);
+  const TopicChoice chosen = report.chosen = topics.Choose(asked.topics);
+  std::map<std::string, std::string> published;
+  bool again = false;  // a recording of the mapper's own outputs must not be mixed with them
+  for (const BagTopic& topic : report.topics) {
+    published[topic.name] = topic.type;
+    again = again || topic.name.rfind("/acmp/", 0) == 0;
+  }
+  double start_s = 0;
+  for (const rosbag::Bag* bag : bags) {
+    const double begin_s = rosbag::View(*bag).getBeginTime().toSec();
+    start_s = bag == bags.front() ? begin_s : std::min(start_s, begin_s);
+  }
   Findings findings;
-  // What a run tells may be what the next one needs.
-  const auto feed = [&] { return FeedBag(bag, topics, options, transforms); };
-  IntakeRun run = feed();
-  if (chosen.pose.empty() && UseTf(run, buffer, &options)) run = feed();
-  const auto needed_s = NeededTolerance(run.images, run.poses);
-  if (const double tolerance_s = options.matcher.sync_tolerance_s; needed_s && *needed_s > tolerance_s) {
-    const size_t before = run.keyframes;
-    options.matcher.sync_tolerance_s = 1.1 * *needed_s;
-    run = feed();
-    findings.Add(Severity::kWarning, "only ", before, " images have a pose within ", tolerance_s,
-                 " s; set ~sync_tolerance to ", options.matcher.sync_tolerance_s);
+  NodeOptions options = OptionsFor(bags, topics, chosen, asked.mapper, report.topics);
+  std::optional<BagPlayer> player;
+  Wiring wiring;
+  const auto play = [&] {
+    wiring = MakeWiring(topics, chosen, options, again);
+    player.emplace(options, wiring.remaps, published, start_s, asked.trial_size);
+    WithView(bags, rosbag::TopicQuery(player->Topics()), [&](rosbag::View& view) { player->Play(view); });
+  };
+  play();
+  if (const auto reading = BetterReading(*player, &findings)) {
+    options.pose.direction = reading->direction;
+    options.pose.child = reading->child;
+    play();
   }
-  ReadingVerdict verdict = run.images_of_poses->Judge(run.semantics);
-  if (!asked.semantics_declared && DeclareReading(run, verdict, &options, &findings)) {
-    run = feed();
-    verdict = run.images_of_poses->Judge(run.semantics);
+  const struct {
+    const TopicTypes types;
+    const std::string& chosen;
+    const std::string& wanted;
+    const char* option;
+  } kinds[] = {{ImageTypes(), chosen.image, asked.topics.image, "--image"},
+               {kInfoTypes, chosen.camera_info, asked.topics.camera_info, "--camera-info"},
+               {PoseTypes(), chosen.pose, asked.topics.pose, "--pose"},
+               {CloudTypes(), chosen.sparse_points, asked.topics.sparse_points, "--sparse-points"}};
+  for (const auto& kind : kinds) {
+    const std::string others = topics.Others(kind.types, kind.chosen, chosen.mask);
+    if (!kind.wanted.empty() || kind.chosen.empty() || others.empty()) continue;
+    findings.Add(Severity::kWarning, "checked ", kind.chosen, "; there is also", others, "; choose with ", kind.option);
   }
-  if (!verdict.text.empty()) {
-    findings.Add(Severity::kWarning, "poses do not fit the images", verdict.text);
+  if (const auto pair = topics.SecondCamera(chosen); pair && chosen.source_images.empty()) {
+    findings.Add(Severity::kOk, "if ", pair->source_images.front(), " is of a camera that is fixed to this one, its ",
+                 "images can be source views: check it with --source-image ", pair->source_images.front());
   }
-  const TopicChoice& wanted = asked.topics;
-  ReportOthers(topics, ImageTypes(), chosen.image, wanted.image, "--image", &findings);
-  ReportOthers(topics, CameraInfoTypes(), chosen.camera_info, wanted.camera_info, "--camera-info", &findings);
-  ReportOthers(topics, PoseTypes(), chosen.pose, wanted.pose, "--pose", &findings);
-  ReportOthers(topics, CloudTypes(), chosen.sparse_points, wanted.sparse_points, "--sparse-points", &findings);
-  ReportImages(topics, run, &findings);
-  ReportCamera(topics, options.calibration_file, run, &findings);
-  ReportPoses(topics, options, run, verdict, !chosen.source_images.empty(), &findings);
-  ReportSources(topics, &run, asked_for_sources, &findings);
-  ReportCompanions(topics, run, &findings);
-  ReportIntake(run, options.matcher.sync_tolerance_s, verdict, asked_for_sources, &findings);
-  const bool can_start = !chosen.image.empty() && (!chosen.pose.empty() || options.pose_source == PoseSource::kTf);
-  return {topics.all, chosen, std::move(findings),
-          can_start ? LaunchLine(topics, options, run, asked_for_sources) : ""};
+  const MapperSnapshot snapshot = player->Snapshot();
+  ReportSnapshot(snapshot, !player->verdict().text.empty(), &findings);
+  findings.insert(findings.end(), player->told().begin(), player->told().end());
+  ReportReading(player->intake().pose_semantics(), player->verdict(), &findings);
+  findings.Add(player->mapped() > 0 ? Severity::kOk : Severity::kError, "the mapper takes ", snapshot.matched, " of ",
+               ImagesReceived(snapshot.inputs), " images", DescribeDrops(snapshot), "; of the first ", player->tried(),
+               " keyframes ", player->mapped(), " get maps (tried at ", asked.trial_size, " px)");
+  report.findings = std::move(findings);
+  if (report.usable()) report.launch = wiring.line;
+  return report;
 }
 
 }  // namespace
@@ -396,9 +440,20 @@ size_t BagReport::Count(Severity severity) const {
       findings.begin(), findings.end(), [severity](const Finding& finding) { return finding.severity == severity; }));
 }
 
-BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& options) {
+BagReport CheckBags(const std::vector<std::filesystem::path>& paths, const BagCheckOptions& options) {
   BagReport report;
-  ReadBag(path, "repair it with: rosbag reindex", [&](const rosbag::Bag& bag) { report = CheckOpened(bag, options); });
+  Bags bags;
+  const std::function<void(size_t)> open = [&](size_t i) {
+    if (i == paths.size()) {
+      report = CheckOpened(bags, options);
+      return;
+    }
+    ReadBag(paths[i], "repair it with: rosbag reindex", [&](const rosbag::Bag& bag) {
+      bags.push_back(&bag);
+      open(i + 1);
+    });
+  };
+  open(0);
   return report;
 }
 

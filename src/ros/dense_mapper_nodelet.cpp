@@ -36,8 +36,6 @@ constexpr int kOnTheWayLooks = 4;  ///< several: a process that stood still for 
 constexpr double kOnTheWayS = 0.05;
 constexpr double kLongOnTheWayS = 2;  ///< ... or for so long, while a camera goes on
 
-constexpr char kPosesDoNotFit[] = "poses do not fit the images";
-
 /// Where the scene is assumed while nothing tells: the middle of the fallback range, as the mapper has it.
 double FallbackDepth(const DenseMapperOptions& options) {
   return std::sqrt(static_cast<double>(options.fallback_depth_range.min) * options.fallback_depth_range.max);
@@ -53,21 +51,6 @@ Mask ReadMaskFile(const std::string& path) {
   } catch (const InvalidInputError& error) {
     throw InvalidInputError(Concat("parameter ~mask_file: ", error.what()));
   }
-}
-
-/// Images wait for what somebody publishes, or has: messages of a player that has ended may still be queued.
-void SetExpected(const std::vector<InputStatus>& inputs, KeyframeIntake* intake) {
-  using Kind = InputStatus::Kind;
-  bool clouds = false;  // of two topics
-  for (const InputStatus& input : inputs) {
-    const bool is_there = input.publishers > 0 || input.received > 0;
-    if (input.kind == Kind::kCloud) clouds = clouds || is_there;
-    if (input.kind == Kind::kMask) intake->set_companion_expected(kMaskStream, is_there);
-    if (input.kind == Kind::kPriorDepth) intake->set_companion_expected(kPriorDepthStream, is_there);
-    if (input.kind == Kind::kSourceImage) intake->set_companion_expected(kSourceStream + input.camera, is_there);
-  }
-
-  intake->set_clouds_expected(clouds);
 }
 
 bool IsInput(const std::string& topic, const std::vector<InputStatus>& inputs) {
@@ -166,7 +149,9 @@ class DenseMapperNodelet : public NodeletBase {
     };
     sink.is_paused = [this] { return paused_.load(); };
     sink.on_drop = [this](const RejectedInput& drop) { Report(drop); };
-    sources_ = MakeInputSources(input_thread_.Attach(getNodeHandle()), options_, sink);
+    const ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
+    sources_ = MakeInputSources(TopicsOf(nh), options_, sink);
+    acmp::Subscribe(nh, &sources_);
     deliver_timer_ = input_thread_.MakeTimer(getNodeHandle(), kDeliverPeriodS, [this] { Deliver(); });
   }
 
@@ -208,12 +193,9 @@ class DenseMapperNodelet : public NodeletBase {
   }
 
   void MakeIntake(const RuntimeOptions& runtime_options) {
-    const bool places_sources = options_.matcher.source_cameras > 0 && options_.cam_from_sources.empty();
-    const bool needs_tf = options_.pose_source == PoseSource::kTf || NeedsExtrinsic(options_) || places_sources;
-    // Else only for checks that try another reading of the poses.
-    tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()), !needs_tf, [this](const std::string& text) {
-      Report(RejectedInput{"bad_tf", text});
-    });
+    // Also where nothing needs them: for checks that try another reading of the poses.
+    tf_ = std::make_unique<TfLookup>([this](const std::string& text) { Report(RejectedInput{"bad_tf", text}); });
+    tf_->Listen(input_thread_.Attach(getNodeHandle()));
     intake_ = std::make_unique<KeyframeIntake>(options_, FallbackDepth(runtime_options.mapper), tf_->transforms());
     if (!options_.calibration_file.empty()) {
       intake_->AddCameraInfo(ReadCalibrationFile(options_.calibration_file, options_.rectified));
@@ -392,12 +374,7 @@ class DenseMapperNodelet : public NodeletBase {
     snapshot.images_dropped = incidents_.images();
     const std::string found = publisher_->readings().verdict().text;
     std::lock_guard<std::mutex> lock(intake_mutex_);
-    snapshot.waiting_images = intake_->waiting_images();
-    snapshot.waiting_for = intake_->DescribeWait(snapshot.now_s);
-    snapshot.last_gap = intake_->last_gap();
-    snapshot.pose_use = intake_->pose_use();
-    snapshot.points_in_front = intake_->share_in_front();
-    snapshot.convention_warning = intake_->convention_warning();
+    AddIntake(*intake_, &snapshot);
     if (!found.empty()) snapshot.convention_warning = Concat(kPosesDoNotFit, found);
     return snapshot;
   }
@@ -446,7 +423,7 @@ class DenseMapperNodelet : public NodeletBase {
   std::unique_ptr<MapperWorker> worker_;
   ros::WallTimer missing_timer_, reading_timer_;
   ros::WallTimer deliver_timer_;
-  std::vector<std::unique_ptr<InputSource>> sources_;
+  InputSources sources_;
   boost::recursive_mutex config_mutex_;
   std::unique_ptr<dynamic_reconfigure::Server<DenseMapperConfig>> reconfigure_;
   std::unique_ptr<Diagnostics<MapperSnapshot>> diagnostics_;

@@ -64,6 +64,15 @@ std::string PoseTopic(const MapperSnapshot& snapshot) {
 
 }  // namespace
 
+void AddIntake(const KeyframeIntake& intake, MapperSnapshot* snapshot) {
+  snapshot->waiting_images = intake.waiting_images();
+  snapshot->waiting_for = intake.DescribeWait(snapshot->now_s);
+  snapshot->last_gap = intake.last_gap();
+  snapshot->pose_use = intake.pose_use();
+  snapshot->points_in_front = intake.share_in_front();
+  snapshot->convention_warning = intake.convention_warning();
+}
+
 uint64_t ImagesUnderWay(const MapperSnapshot& snapshot) {
   const uint64_t received = ImagesReceived(snapshot.inputs);
   const uint64_t finished = snapshot.worker.outputs.refined + snapshot.images_dropped + snapshot.not_chosen;

@@ -42,35 +42,31 @@ struct InputStream {
   std::string topic = {};  ///< where it is another than the name is remapped to
 };
 
-bool IsRemapped(const ros::NodeHandle& nh, const std::string& name) {
-  return nh.resolveName(name, true) != nh.resolveName(name, false);
-}
-
 /// Where a name is that the user has chosen; our launch files remap all names.
-bool IsNamed(const ros::NodeHandle& nh, const std::string& name) {
-  return IsRemapped(nh, name) && nh.resolveName(name) != names::kDefaultTopics + name;
+bool IsNamed(const InputTopics& topics, const std::string& name) {
+  return topics.is_remapped(name) && topics.resolve(name) != names::kDefaultTopics + name;
 }
 
 /// "image/compressed" if that name is remapped, else beside the image as image_transport's publishers put it. A name
 /// that ends so is the whole one.
-std::string CompressedTopic(const ros::NodeHandle& nh, const std::string& image) {
+std::string CompressedTopic(const InputTopics& topics, const std::string& image) {
   const std::string name = image + names::kCompressed;
-  if (IsRemapped(nh, name)) return nh.resolveName(name);
-  return WithoutCompressed(nh.resolveName(image)) + names::kCompressed;
+  if (topics.is_remapped(name)) return topics.resolve(name);
+  return WithoutCompressed(topics.resolve(image)) + names::kCompressed;
 }
 
 /// What makes the mapper take a topic of this type; empty: nothing does. The names of arguments and parameters are
 /// those of our launch files.
 std::string HowToTake(Kind kind, const std::string& type, const std::string& topic) {
+  for (const PoseSourceRow& row : PoseSourceRows()) {
+    if (kind == Kind::kPose && type == row.type)
+      return Concat("set pose_source:=", row.name, " ", row.name, ":=", topic);
+  }
   const struct {
     Kind kind;
     std::string type;
     const char* arguments;
-  } ways[] = {{Kind::kPose, TypeOf<geometry_msgs::PoseStamped>(), "pose_source:=pose pose:="},
-              {Kind::kPose, TypeOf<geometry_msgs::PoseWithCovarianceStamped>(), "pose_source:=pose_cov pose_cov:="},
-              {Kind::kPose, TypeOf<nav_msgs::Odometry>(), "pose_source:=odom odom:="},
-              {Kind::kPose, TypeOf<geometry_msgs::TransformStamped>(), "pose_source:=transform transform:="},
-              {Kind::kCloud, TypeOf<sensor_msgs::PointCloud2>(), "sparse_points:="},
+  } ways[] = {{Kind::kCloud, TypeOf<sensor_msgs::PointCloud2>(), "sparse_points:="},
               {Kind::kCloud, TypeOf<sensor_msgs::PointCloud>(), "sparse_points_v1:="},
               {Kind::kImage, TypeOf<sensor_msgs::Image>(), "image_transport:=raw image:="}};
   for (const auto& way : ways) {
@@ -148,14 +144,14 @@ std::string AdviceOn(const InputStatus& input, const std::map<std::string, std::
 /// Makes the sources of one node.
 class SourceFactory {
  public:
-  SourceFactory(const ros::NodeHandle& nh, const NodeOptions& options, InputSink sink)
-      : nh_(nh), options_(options), sink_(std::move(sink)) {}
+  SourceFactory(InputTopics topics, const NodeOptions& options, InputSink sink)
+      : topics_(std::move(topics)), options_(options), sink_(std::move(sink)) {}
 
-  std::vector<std::unique_ptr<InputSource>> Make() {
+  InputSources Make() {
     if (options_.keyframe_mode == KeyframeMode::kExternal) {
       Add<acmp_mapping::Keyframe>(
           {Kind::kKeyframe, names::kKeyframe, kCloudQueue, "bad_keyframe", true}, kAsItIs,
-          [](auto* intake, const auto& keyframe) { intake->AddKeyframe(keyframe, SteadySeconds()); });
+          [now = sink_.now_s](auto* intake, const auto& keyframe) { intake->AddKeyframe(keyframe, now()); });
     } else {
       AddCloud<sensor_msgs::PointCloud2>(names::kSparsePoints);
       AddCloud<sensor_msgs::PointCloud>(names::kSparsePointsV1);
@@ -165,7 +161,7 @@ class SourceFactory {
                                      kAsItIs, [](auto* intake, const auto& info) { intake->AddCameraInfo(*info); });
       }
       AddImages({Kind::kImage, names::kImage, kImageQueue, "bad_image", true},
-                [](auto* intake, const auto& image) { intake->AddImage(image, SteadySeconds()); });
+                [now = sink_.now_s](auto* intake, const auto& image) { intake->AddImage(image, now()); });
     }
     for (size_t camera = 0; camera < static_cast<size_t>(options_.matcher.source_cameras); ++camera) {
       if (options_.source_calibration_file.empty()) {
@@ -218,8 +214,9 @@ class SourceFactory {
     InputSource& source = *sources_.emplace_back(std::make_unique<InputSource>());
     source.fixed.kind = stream.kind;
     if (stream.topic.empty()) stream.topic = stream.name;
-    source.fixed.topic = nh_.resolveName(stream.topic);
-    source.fixed.is_named = IsNamed(nh_, stream.name);
+    source.name = stream.name;
+    source.fixed.topic = topics_.resolve(stream.topic);
+    source.fixed.is_named = IsNamed(topics_, stream.name);
     source.fixed.required = stream.required;
     source.fixed.type = TypeOf<Message>();
     source.fixed.camera = stream.camera;
@@ -227,7 +224,7 @@ class SourceFactory {
                           take](const boost::shared_ptr<const Message>& message) {
       const Kind kind = source.fixed.kind;
       ++source.received;
-      source.last_received_s = SteadySeconds();
+      source.last_received_s = sink.now_s();
       try {
         if (EndsWhilePaused(kind) && sink.is_paused()) {
           const std::string stamp = FormatStamp(ToStampNs(ros::message_traits::header(*message)->stamp));
@@ -240,16 +237,21 @@ class SourceFactory {
         sink.on_drop({reason, Concat(source.fixed.topic, ": ", error.what()), BringsImages(kind)});
       }
     };
-    const auto [other, is_new] = types_.emplace(source.fixed.topic, InputType{stream.name, source.fixed.type});
-    try {
-      source.subscriber = SubscribeChecked<Message>(nh_, stream.topic, stream.queue, receive);
-    } catch (const ros::ConflictingSubscriptionException&) {
-      throw InvalidInputError(
-          Concat("the input ", stream.name, " (", source.fixed.type, ") is ", source.fixed.topic, ", to which ",
-                 is_new ? "another nodelet of this process subscribes with another type"
-                        : Concat("the input ", other->second.name, " (", other->second.type, ") subscribes, too"),
-                 ": each must have the topic of its own type"));
-    }
+    source.last_received_s = sink_.now_s();
+    source.subscribe = [topic = stream.topic, queue = stream.queue, receive](const ros::NodeHandle& nh) {
+      return SubscribeChecked<Message>(nh, topic, queue, receive);
+    };
+    source.play = [&source, receive, sink = sink_, reason = stream.reason](const rosbag::MessageInstance& record) {
+      if (record.getDataType() != source.fixed.type) return;
+      try {
+        if (const auto message = InstantiateChecked<Message>(record)) return receive(message);
+        throw InvalidInputError(
+            Concat("recorded with another definition of ", source.fixed.type, "; convert it with: rosbag fix"));
+      } catch (const InvalidInputError& error) {
+        ++source.received;
+        sink.on_drop({reason, Concat(source.fixed.topic, ": ", error.what()), BringsImages(source.fixed.kind)});
+      }
+    };
   }
 
   template <class Message>
@@ -286,27 +288,22 @@ class SourceFactory {
   template <class Take>
   void AddImages(InputStream stream, Take take) {
     if (options_.image_transport == ImageTransport::kRaw) {
-      const auto convert = [topic = nh_.resolveName(stream.name)](const sensor_msgs::ImageConstPtr& message) {
+      const auto convert = [topic = topics_.resolve(stream.name)](const sensor_msgs::ImageConstPtr& message) {
         return std::make_shared<const EncodedImage>(EncodedImage{message, nullptr, topic});
       };
       return Add<sensor_msgs::Image>(stream, convert, take);
     }
-    stream.topic = CompressedTopic(nh_, stream.name);
+    stream.topic = CompressedTopic(topics_, stream.name);
     const auto convert = [topic = stream.topic](const sensor_msgs::CompressedImageConstPtr& message) {
       return std::make_shared<const EncodedImage>(EncodedImage{nullptr, message, topic});
     };
     Add<sensor_msgs::CompressedImage>(stream, convert, take);
   }
 
-  struct InputType {
-    std::string name, type;
-  };
-
-  ros::NodeHandle nh_;
+  const InputTopics topics_;
   const NodeOptions& options_;
   const InputSink sink_;
-  std::map<std::string, InputType> types_;  ///< of the first input of each topic
-  std::vector<std::unique_ptr<InputSource>> sources_;
+  InputSources sources_;
 };
 
 }  // namespace
@@ -319,9 +316,51 @@ InputStatus InputSource::status() const {
   return status;
 }
 
-std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle& nh, const NodeOptions& options,
-                                                           const InputSink& sink) {
-  return SourceFactory(nh, options, sink).Make();
+InputTopics TopicsOf(const ros::NodeHandle& nh) {
+  return {[nh](const std::string& name) { return nh.resolveName(name); },
+          [nh](const std::string& name) { return nh.resolveName(name, true) != nh.resolveName(name, false); }};
+}
+
+InputSources MakeInputSources(const InputTopics& topics, const NodeOptions& options, const InputSink& sink) {
+  return SourceFactory(topics, options, sink).Make();
+}
+
+void Subscribe(const ros::NodeHandle& nh, const InputSources* sources) {
+  std::map<std::string, const InputSource*> first;  // of each topic
+  for (const auto& source : *sources) {
+    const InputStatus& input = source->fixed;
+    const auto [other, is_new] = first.emplace(input.topic, source.get());
+    try {
+      source->subscriber = source->subscribe(nh);
+    } catch (const ros::ConflictingSubscriptionException&) {
+      throw InvalidInputError(Concat(
+          "the input ", source->name, " (", input.type, ") is ", input.topic, ", to which ",
+          is_new ? "another nodelet of this process subscribes with another type"
+                 : Concat("the input ", other->second->name, " (", other->second->fixed.type, ") subscribes, too"),
+          ": each must have the topic of its own type"));
+    }
+  }
+}
+
+void SetExpected(const std::vector<InputStatus>& inputs, KeyframeIntake* intake) {
+  bool clouds = false;  // of two topics
+  for (const InputStatus& input : inputs) {
+    const bool is_there = input.publishers > 0 || input.received > 0;
+    if (input.kind == Kind::kCloud) clouds = clouds || is_there;
+    if (input.kind == Kind::kMask) intake->set_companion_expected(kMaskStream, is_there);
+    if (input.kind == Kind::kPriorDepth) intake->set_companion_expected(kPriorDepthStream, is_there);
+    if (input.kind == Kind::kSourceImage) intake->set_companion_expected(kSourceStream + input.camera, is_there);
+  }
+  intake->set_clouds_expected(clouds);
+}
+
+const std::vector<PoseSourceRow>& PoseSourceRows() {
+  static const std::vector<PoseSourceRow> rows = {
+      {PoseSource::kPose, names::kPose, TypeOf<geometry_msgs::PoseStamped>()},
+      {PoseSource::kPoseWithCovariance, names::kPoseWithCovariance, TypeOf<geometry_msgs::PoseWithCovarianceStamped>()},
+      {PoseSource::kOdometry, names::kOdometry, TypeOf<nav_msgs::Odometry>()},
+      {PoseSource::kTransform, names::kTransform, TypeOf<geometry_msgs::TransformStamped>()}};
+  return rows;
 }
 
 std::string WithoutCompressed(const std::string& topic) {

@@ -18,18 +18,20 @@ constexpr double kCacheS = 30;  ///< images wait for their pose, so the newest t
 
 }  // namespace
 
-TfLookup::TfLookup(ros::NodeHandle nh, bool only_static, std::function<void(const std::string&)> report)
-    : report_(std::move(report)), buffer_(ros::Duration(kCacheS)) {
+TfLookup::TfLookup(std::function<void(const std::string&)> report)
+    : report_(std::move(report)), buffer_(ros::Duration(kCacheS)) {}
+
+void TfLookup::Listen(const ros::NodeHandle& nh) {
   const auto subscribe = [&](const char* topic, bool is_static) {
-    return SubscribeChecked<tf2_msgs::TFMessage>(
-        nh, topic, kTfQueue, [this, is_static](const auto& message) { Receive(*message, is_static); });
+    return SubscribeChecked<tf2_msgs::TFMessage>(nh, topic, kTfQueue, [this, is_static](const auto& message) {
+      Receive(*message, is_static, ros::Time::now());
+    });
   };
-  if (!only_static) transforms_ = subscribe(names::kTf, false);
+  transforms_ = subscribe(names::kTf, false);
   static_transforms_ = subscribe(names::kTfStatic, true);
 }
 
-void TfLookup::Receive(const tf2_msgs::TFMessage& message, bool is_static) {
-  const ros::Time now = ros::Time::now();
+void TfLookup::Receive(const tf2_msgs::TFMessage& message, bool is_static, const ros::Time& now) {
   if (now < last_received_) Clear();  // a simulated clock went back
   last_received_ = now;
   // The buffer adds its length to stamps, which throws for the last ones that a message can hold.
@@ -44,7 +46,8 @@ void TfLookup::Receive(const tf2_msgs::TFMessage& message, bool is_static) {
   }
 }
 
-TransformSource TransformsOf(const tf2::BufferCore* buffer) {
+TransformSource TfLookup::transforms() const {
+  const tf2::BufferCore* const buffer = &buffer_;
   TransformSource source;
   source.find_pose = [buffer](const std::string& world, const std::string& child,
                               int64_t stamp_ns) -> std::variant<PoseSample, std::string> {

@@ -56,7 +56,7 @@ int PrintReport(const acmp::BagReport& report) {
   for (const acmp::Finding& finding : report.findings) {
     std::cout << "  " << std::setw(8) << NameOf(finding.severity) << finding.message << '\n';
   }
-  if (report.usable()) std::cout << "start the mapper with:\n  " << report.launch << '\n';
+  if (!report.launch.empty()) std::cout << "start the mapper with:\n  " << report.launch << '\n';
   const size_t errors = report.Count(acmp::Severity::kError);
   const size_t warnings = report.Count(acmp::Severity::kWarning);
   std::cout << (report.usable() ? "usable" : "not usable") << ": " << errors << " errors, " << warnings
@@ -69,13 +69,16 @@ int PrintReport(const acmp::BagReport& report) {
 // NOLINTNEXTLINE(bugprone-exception-escape): only a wrong table of options or no memory throw outside RunTool
 int main(int argc, char** argv) {
   CLI::App app(
-      "Reports what is wrong with a bag for the mapper: topics, encodings, calibration, stamps, poses (also by\n"
-      "matches between images) and points. Exit codes: 0 usable (warnings say what to set), 2 not usable or wrong use, "
-      "1 failed.",
+      "Plays a recording to the mapper's own inputs and checks, maps its first keyframes at a small size, and prints\n"
+      "what the mapper says: what it takes and drops and why, how poses are meant, where cameras lie. Exit codes: 0 "
+      "usable\n"
+      "(warnings say what to set), 2 not usable or wrong use, 1 failed.",
       "acmp_check_bag");
-  std::string bag;
+  std::vector<std::filesystem::path> bags;
   acmp::BagCheckOptions options;
-  app.add_option("bag", bag, "Recorded bag")->required()->type_name("FILE");
+  app.add_option("bag", bags, "Recorded bag, or all of one recording (rosbag record --split)")
+      ->required()
+      ->type_name("FILE...");
   app.add_option("--image", options.topics.image, "Image topic; found by type when not given")->type_name("TOPIC");
   app.add_option("--camera-info", options.topics.camera_info, "CameraInfo topic")->type_name("TOPIC");
   app.add_option("--pose", options.topics.pose, "Pose, odometry or transform topic")->type_name("TOPIC");
@@ -83,7 +86,7 @@ int main(int argc, char** argv) {
   app.add_option("--mask", options.topics.mask, "Masks, mono8; by default the Image topic named ...mask")
       ->type_name("TOPIC");
   app.add_option("--source-image", options.topics.source_images,
-                 "Images of source cameras, as the mapper's source_image; without it a second camera is only tried")
+                 "Images of source cameras, as the mapper's source_image")
       ->type_name("TOPIC");
   app.add_option("--source-camera-info", options.topics.source_camera_infos, "Theirs, in the same order")
       ->type_name("TOPIC");
@@ -103,11 +106,7 @@ int main(int argc, char** argv) {
         ->type_name(acmp::DescribeValues(option))
         ->default_str(acmp::ToYaml(option.get()));
   }
-  app.get_option("--pose-child")
-      ->default_str("camera_optical; what images, or frames and tf, say where neither is given");
+  app.get_option("--pose-child")->default_str("camera_optical; what images, or frames and tf, say");
   app.get_option("--calibration-file")->type_name("FILE")->default_str("");
-  return acmp::RunTool(app, argc, argv, [&] {
-    options.semantics_declared = app.count("--pose-child") + app.count("--pose-is") > 0;
-    return PrintReport(acmp::CheckBag(bag, options));
-  });
+  return acmp::RunTool(app, argc, argv, [&] { return PrintReport(acmp::CheckBags(bags, options)); });
 }

@@ -22,8 +22,9 @@ expect 2 "required" "$bin/acmp_make_bag"
 expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" --scene hard hard.bag
 cmp -s a.bag hard.bag && fail "--scene hard is the room"
 expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" --stereo-baseline 0.11 --standing --moving-object pair.bag
+expect 2 "no baseline" "$bin/acmp_check_bag" pair.bag
 expect 0 "stereo:=true source_image:=/camera_right/image_raw source_camera_info:=/camera_right/camera_info" \
-  "$bin/acmp_check_bag" pair.bag
+  "$bin/acmp_check_bag" pair.bag --source-image /camera_right/image_raw
 expect 2 "stereo baseline = 9" "$bin/acmp_make_bag" "${small[@]}" --stereo-baseline 9 out.bag
 expect 2 "--standing requires --synthetic" "$bin/acmp_make_bag" --standing . out.bag
 expect 2 "--scene requires --synthetic" "$bin/acmp_make_bag" --scene hard . out.bag

@@ -10,13 +10,13 @@ namespace acmp {
 
 enum class Severity { kOk, kWarning, kError };
 
-/// One sentence about the bag; warnings and errors say what to set or repair.
+/// One sentence about the recording; warnings and errors say what to set or repair.
 struct Finding {
   Severity severity = Severity::kOk;
   std::string message;
 };
 
-/// Topics the mapper would be given; an empty name is filled in from the bag by type.
+/// Topics the mapper would be given; an empty name is filled in from the recording by type.
 struct TopicChoice {
   std::string image;
   std::string camera_info;
@@ -36,24 +36,26 @@ struct BagTopic {
 
 struct BagCheckOptions {
   TopicChoice topics;
-  NodeOptions mapper;               ///< all but its pose_source, world_frame and source_cameras, which the bag tells
-  bool semantics_declared = false;  ///< false: another reading is used where images, or frames and tf, say that it fits
+  NodeOptions mapper;  ///< all but what the recording tells: pose_source, world_frame, image_transport, keyframe_mode,
+                       ///< source_cameras; and another reading of the poses, where images say that it fits
+  int trial_size = 160;  ///< px of the longer side at which the first keyframes are mapped
 };
 
 struct BagReport {
   std::vector<BagTopic> topics;
   TopicChoice chosen;
   std::vector<Finding> findings;
-  std::string launch;  ///< what starts the mapper for these topics; empty where there are no images or no poses
+  std::string
+      launch;  ///< what starts the mapper as it was tried; empty where it gets no maps or poses are read wrongly
 
   size_t Count(Severity severity) const;
-  /// No errors: the mapper can work with it, given the settings that warnings name.
+  /// No errors: the mapper makes maps of it, given the settings that warnings name.
   bool usable() const { return Count(Severity::kError) == 0; }
 };
 
-/// Feeds the bag to the mapper's own intake, decodes its images, matches some of them as the mapper does to see whether
-/// poses are read as they are meant, and reports what became of them. Throws InvalidInputError when the bag cannot be
-/// read at all or a topic in the options is not in it.
-BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& options);
+/// Plays a recording, of one bag or several (`rosbag record --split`), to the mapper's own inputs, intake and checks,
+/// maps its first keyframes, and reports what these say. Throws InvalidInputError when a bag cannot be read at all or a
+/// topic in the options is not in it.
+BagReport CheckBags(const std::vector<std::filesystem::path>& paths, const BagCheckOptions& options);
 
 }  // namespace acmp

@@ -83,6 +83,12 @@ struct MapperSnapshot {
   std::map<std::string, IncidentLog::Entry> drops;
 };
 
+/// Of what waits, and of poses. @param snapshot has the time
+void AddIntake(const KeyframeIntake& intake, MapperSnapshot* snapshot);
+
+/// Before what images say of the reading of the poses.
+constexpr char kPosesDoNotFit[] = "poses do not fit the images";
+
 /// Images that were received and have had no end yet: they wait for a pose, for the worker or for later keyframes.
 uint64_t ImagesUnderWay(const MapperSnapshot& snapshot);
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <ros/node_handle.h>
+#include <rosbag/message_instance.h>
 
 #include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
@@ -54,11 +55,14 @@ std::string WithoutCompressed(const std::string& topic);
 /// @param published types by name, of all topics that others publish
 void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs);
 
-/// A subscription, whose status may be asked for in any thread.
+/// What is done with the messages of a topic. The status may be asked for in any thread.
 struct InputSource {
   InputStatus status() const;
 
+  std::string name;   ///< before it is resolved
   InputStatus fixed;  ///< what of the status does not change
+  std::function<ros::Subscriber(const ros::NodeHandle&)> subscribe;
+  std::function<void(const rosbag::MessageInstance&)> play;  ///< takes a recorded message, of any type
   std::atomic<uint64_t> received{0};
   std::atomic<double> last_received_s{SteadySeconds()};
   ros::Subscriber subscriber;  ///< last: its callback uses what is above
@@ -70,12 +74,36 @@ struct InputSink {
   std::function<void(const std::function<void(KeyframeIntake*)>&)> receive;
   std::function<bool()> is_paused;                    ///< images are dropped
   std::function<void(const RejectedInput&)> on_drop;  ///< told of messages that cannot be used
+  std::function<double()> now_s = SteadySeconds;      ///< when they come
 };
 
-/// Subscribes to the streams that the options ask for. Callbacks run in the node handle's callback queue. Throws
-/// InvalidInputError where two cameras have the same topic, or two inputs of different types.
-std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle& nh, const NodeOptions& options,
-                                                           const InputSink& sink);
+/// Where the inputs' names lead.
+struct InputTopics {
+  std::function<std::string(const std::string& name)> resolve;
+  std::function<bool(const std::string& name)> is_remapped;
+};
+InputTopics TopicsOf(const ros::NodeHandle& nh);
+
+using InputSources = std::vector<std::unique_ptr<InputSource>>;
+
+/// The streams that the options ask for. Throws InvalidInputError where two cameras have the same topic.
+InputSources MakeInputSources(const InputTopics& topics, const NodeOptions& options, const InputSink& sink);
+
+/// Callbacks run in the node handle's callback queue. Throws InvalidInputError where inputs of different types have the
+/// same topic.
+void Subscribe(const ros::NodeHandle& nh, const InputSources* sources);
+
+/// Images wait for what somebody publishes, or has: messages of a player that has ended may still be queued.
+void SetExpected(const std::vector<InputStatus>& inputs, KeyframeIntake* intake);
+
+/// A way to send poses: the value of ~pose_source, which is the topic's name, too, and the type of message.
+struct PoseSourceRow {
+  PoseSource source;
+  const char* name;
+  std::string type;
+};
+/// All but tf, the preferred ones first.
+const std::vector<PoseSourceRow>& PoseSourceRows();
 
 /// Images that have come on all streams, those in whole keyframes too.
 uint64_t ImagesReceived(const std::vector<InputStatus>& inputs);

@@ -11,26 +11,25 @@
 
 namespace acmp {
 
-/// Looks up in a buffer, which must outlive it: poses between the two transforms around their stamps. Never waits.
-TransformSource TransformsOf(const tf2::BufferCore* buffer);
-
 /// Transforms of /tf and /tf_static. Thread-safe.
 class TfLookup {
  public:
-  /// Listens in the node handle's callback queue.
-  /// @param only_static of /tf_static alone, which costs nothing
   /// @param report told of transforms that cannot be used
-  TfLookup(ros::NodeHandle nh, bool only_static, std::function<void(const std::string&)> report);
+  explicit TfLookup(std::function<void(const std::string&)> report);
 
-  TransformSource transforms() const { return TransformsOf(&buffer_); }
+  /// Receives them in the node handle's callback queue.
+  void Listen(const ros::NodeHandle& nh);
+  /// tf2's own listener throws in the middle of a message.
+  /// @param now of ROS; where that goes back, another run has begun
+  void Receive(const tf2_msgs::TFMessage& message, bool is_static, const ros::Time& now);
+
+  /// Looks up here: poses between the two transforms around their stamps. Never waits.
+  TransformSource transforms() const;
 
   /// Forgets all but static transforms: those of another run would be taken for newer ones.
   void Clear() { buffer_.clear(); }
 
  private:
-  /// tf2's own listener throws in the middle of a message.
-  void Receive(const tf2_msgs::TFMessage& message, bool is_static);
-
   const std::function<void(const std::string&)> report_;
   tf2::BufferCore buffer_;
   ros::Time last_received_;
