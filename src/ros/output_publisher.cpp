@@ -1,5 +1,6 @@
 #include "acmp_mapping/ros/output_publisher.h"
 
+#include <algorithm>
 #include <cmath>
 #include <exception>
 #include <limits>
@@ -58,12 +59,23 @@ sensor_msgs::ImagePtr NormalImageOf(const KeyframeOutput& output) {
   return ToNormalMessage(output.maps->normal, output.keep.View(), CameraHeader(output));
 }
 
+/// Of the depth picture, from this confidence on; below it is dark, so that guesses do not look like surfaces.
+constexpr float kFullBrightness = 0.5f;
+
 sensor_msgs::ImagePtr DepthPictureOf(const KeyframeOutput& output) {
   DepthMap kept = output.maps->depth.Clone();
   for (size_t i = 0; i < kept.size(); ++i) {
     if (!output.keep.data()[i]) kept.data()[i] = 0;
   }
-  return ToColorMessage(DepthPicture(kept), CameraHeader(output));
+  ColorImage picture = DepthPicture(kept);
+  for (size_t i = 0; i < picture.size(); ++i) {
+    const float brightness = std::min(1.0f, output.maps->confidence.data()[i] / kFullBrightness);
+    Rgb* color = &picture.data()[i];
+    for (unsigned char* channel : {&color->r, &color->g, &color->b}) {
+      *channel = static_cast<unsigned char>(std::lround(brightness * *channel));
+    }
+  }
+  return ToColorMessage(picture, CameraHeader(output));
 }
 
 sensor_msgs::ImagePtr NormalPictureOf(const KeyframeOutput& output) {

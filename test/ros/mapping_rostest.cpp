@@ -1,6 +1,7 @@
 // The synthetic scene goes in as a frontend's messages; what comes out is compared with the pipeline run directly on
 // the same messages, bit by bit, and with the analytic ground truth.
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -113,6 +114,27 @@ TEST_F(MappingTest, ImagesAreStampedAndNamedAsTheirSource) {
     }
     EXPECT_EQ(seen.size(), kViews) << output.encoding << ": one message per keyframe";
   }
+}
+
+TEST_F(MappingTest, DepthPicturesAreDarkWhereDepthIsUnsure) {
+  int unsure = 0, bright = 0;
+  for (const auto& confidence : session().confidence.messages()) {
+    const auto values = reinterpret_cast<const float*>(confidence->data.data());
+    for (const auto& picture : session().depth_picture.messages()) {
+      if (picture->header.stamp != confidence->header.stamp) continue;
+      for (int i = 0; i < kWidth * kHeight; ++i) {
+        const unsigned char* rgb = &picture->data[3 * i];
+        const int lightest = *std::max_element(rgb, rgb + 3);
+        unsure += values[i] < 0.1f;
+        if (values[i] < 0.1f) {
+          EXPECT_LE(lightest, 52) << "0.1 of what 0.5 shows as 255, rounded";
+        }
+        bright += lightest > 128;
+      }
+    }
+  }
+  EXPECT_GT(unsure, 0);
+  EXPECT_GT(bright, 0);
 }
 
 TEST_F(MappingTest, CameraInfosBelongToTheirImages) {
