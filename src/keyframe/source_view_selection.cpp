@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <functional>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -36,16 +37,28 @@ GridPoints TowardsCentre(const GridPoints& points, const Eigen::Vector3d& centre
   return centre.transpose().array().replicate<kGridPoints, 1>() - points;
 }
 
-/// What the reference sees, were everything at one depth.
+/// Depths of planes that divide the range into equal ratios, of at least kPlaneRatio where it is wider than that.
+std::vector<double> PlanesOf(const DepthRange& range) {
+  constexpr double kPlaneRatio = 5;  // rooms have one plane, streets two or three
+  const double log_ratio = std::log(static_cast<double>(range.max) / range.min);
+  const int count = std::max(1, static_cast<int>(log_ratio / std::log(kPlaneRatio)));
+  std::vector<double> depths;
+  for (int i = 0; i < count; ++i) depths.push_back(range.min * std::exp((i + 0.5) / count * log_ratio));
+  return depths;
+}
+
+/// What the reference sees, were everything on these planes in turn.
 struct Reference {
-  Reference(const PosedCamera& view, double depth) : centre(CentreInWorld(view)), depth(depth) {
+  Reference(const PosedCamera& view, const std::vector<double>& planes)
+      : centre(CentreInWorld(view)), focal_length(MeanFocalLength(view.camera)), least_depth(planes.front()) {
     const RigidTransform world_from_cam = view.cam_from_world.inverse();
-    focal_length = MeanFocalLength(view.camera);
     for (int row = 0; row < kGridCells; ++row) {
       for (int col = 0; col < kGridCells; ++col) {
         const Eigen::Vector2d pixel((col + 0.5) / kGridCells * view.camera.width - 0.5,
                                     (row + 0.5) / kGridCells * view.camera.height - 0.5);
-        points.row(row * kGridCells + col) = (world_from_cam * view.camera.Unproject(pixel, depth)).array();
+        const int i = row * kGridCells + col;
+        depths[i] = planes[static_cast<size_t>(row + col) % planes.size()];
+        points.row(i) = (world_from_cam * view.camera.Unproject(pixel, depths[i])).array();
       }
     }
     to_centre = TowardsCentre(points, centre);
@@ -55,9 +68,10 @@ struct Reference {
 
   GridPoints points;       ///< in the world
   GridPoints to_centre;    ///< from them
+  PerPoint depths;         ///< of them
   Eigen::Vector3d centre;  ///< of the camera, in the world
-  double depth;            ///< of the points
   double focal_length;     ///< px
+  double least_depth;      ///< of the points
   Eigen::Vector3d middle;  ///< of a sphere that has all points in it
   double radius;           ///< its
 };
@@ -122,19 +136,25 @@ double AngleWeight(const Angles& angles, int i) {
   return std::exp(-0.5 * excess * excess);
 }
 
+/// How much two baselines show the same: 1 where they are equal, 0 where one is much shorter or they are at right
+/// angles.
+double Likeness(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return std::max(0.0, a.dot(b)) / std::max(a.squaredNorm(), b.squaredNorm());
+}
+
 /// A candidate that is useful.
 struct UsefulView {
   size_t index = 0;
   int priority = 0;
-  Eigen::Vector3d direction;            ///< of its baseline
+  Eigen::Vector3d baseline;             ///< from the reference's centre
+  bool shares_landmarks = true;         ///< enough of them with the reference
   PerPoint weights = PerPoint::Zero();  ///< at the reference's points
-  /// Sums of the chosen views' weights there, each times the cosine between the two baselines' directions.
-  PerPoint seen = PerPoint::Zero();
+  PerPoint seen = PerPoint::Zero();  ///< sums of the chosen views' weights there, each times Likeness of the baselines
   double gain = 0;
   bool is_chosen = false;
 
   void Count(const UsefulView& chosen) {
-    seen += std::max(0.0, direction.dot(chosen.direction)) * chosen.weights;
+    seen += Likeness(baseline, chosen.baseline) * chosen.weights;
     gain = (weights / (1 + seen)).mean();
   }
   bool IsBetterThan(const UsefulView& other) const {
@@ -146,7 +166,7 @@ struct UsefulView {
 /// origin; the matcher refuses less than a millionth of the nearest depth.
 bool HasBaseline(const Reference& reference, const Eigen::Vector3d& centre) {
   const double baseline = (centre - reference.centre).norm();
-  return baseline > 1e-12 * reference.centre.norm() && baseline > 1e-6 * reference.depth;
+  return baseline > 1e-12 * reference.centre.norm() && baseline > 1e-6 * reference.least_depth;
 }
 
 /// The candidate if it is useful; counts it in `selection`.
@@ -165,7 +185,8 @@ std::optional<UsefulView> Assess(const Reference& reference, const SourceViewCan
     ++selection->num_without_overlap;
     return std::nullopt;
   }
-  UsefulView useful = {index, candidate.priority, (centre - reference.centre).normalized()};
+  UsefulView useful = {index, candidate.priority, centre - reference.centre,
+                       candidate.shared_landmarks >= kMinSharedLandmarks};
   const double focal_ratio = MeanFocalLength(view.camera) / reference.focal_length;
   const Angles angles(reference.to_centre, reference.points, centre);
   const double least_tangent = std::tan(kMinSourceAngleDeg * kRadPerDeg<double>);
@@ -173,7 +194,7 @@ std::optional<UsefulView> Assess(const Reference& reference, const SourceViewCan
   for (int i = 0; i < kGridPoints; ++i) {
     if (depths[i] <= 0 || !angles.IsAtLeast(i, least_tangent)) continue;
     ++num_wide;
-    useful.weights[i] = AngleWeight(angles, i) * ScaleWeight(focal_ratio * reference.depth / depths[i]);
+    useful.weights[i] = AngleWeight(angles, i) * ScaleWeight(focal_ratio * reference.depths[i] / depths[i]);
   }
   // Not the median: a camera that moves ahead sees near things under wide angles and most of the scene under none.
   if (num_wide < kLeastPoints || useful.weights.maxCoeff() <= 0) {
@@ -190,23 +211,30 @@ std::optional<UsefulView> Assess(const Reference& reference, const SourceViewCan
   return useful;
 }
 
+/// Drops the views that hardly share landmarks with the reference, where enough others do: they see the place from
+/// behind something, or their poses do not fit. Fewer views are better than those.
+void KeepThoseThatShare(std::deque<UsefulView>* views) {
+  constexpr auto kEnough = 4;
+  const auto shares = [](const UsefulView& view) { return view.shares_landmarks; };
+  if (std::count_if(views->begin(), views->end(), shares) < kEnough) return;
+  views->erase(std::remove_if(views->begin(), views->end(), std::not_fn(shares)), views->end());
+}
+
 }  // namespace
 
 double TypicalDepth(const DepthRange& range) { return std::sqrt(static_cast<double>(range.min) * range.max); }
 
-SourceViewSelection SelectSourceViews(const PosedCamera& reference, double typical_depth,
+SourceViewSelection SelectSourceViews(const PosedCamera& reference, const DepthRange& range,
                                       const std::vector<SourceViewCandidate>& candidates, int max_source_views) {
   CheckRange("max_source_views", max_source_views, 1, kMaxSelectedViews);
-  if (!(typical_depth > 0) || !std::isfinite(typical_depth)) {
-    throw InvalidInputError(
-        Concat("choice of source views: typical_depth = ", typical_depth, ": must be positive and finite"));
-  }
-  const Reference scene(reference, typical_depth);
+  CheckDepthRange("choice of source views", range);
+  const Reference scene(reference, PlanesOf(range));
   SourceViewSelection selection;
   std::deque<UsefulView> useful;  // they are large: not in one piece
   for (size_t i = 0; i < candidates.size(); ++i) {
     if (const auto view = Assess(scene, candidates[i], i, &selection)) useful.push_back(*view);
   }
+  KeepThoseThatShare(&useful);
   const size_t wanted = std::min(useful.size(), static_cast<size_t>(max_source_views));
   while (selection.views.size() < wanted) {
     UsefulView* best = nullptr;

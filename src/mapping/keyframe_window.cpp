@@ -102,7 +102,7 @@ WindowCapture KeyframeWindow::Add(const Capture& capture) {
 SourceViews KeyframeWindow::SelectSources(const WindowKeyframe& keyframe) const {
   const Candidates candidates = CandidatesOf(keyframe);
   const SourceViewSelection selection =
-      SelectSourceViews(CameraOf(*keyframe.frame), TypicalDepth(keyframe.range), candidates.views, max_source_views_);
+      SelectSourceViews(CameraOf(*keyframe.frame), keyframe.range, candidates.views, max_source_views_);
   SourceViews sources;
   for (const SelectedSourceView& view : selection.views) {
     sources.keyframes.push_back(candidates.keyframes[view.index]);
@@ -119,7 +119,7 @@ std::string KeyframeWindow::DescribeMissingViews(const WindowKeyframe& keyframe,
     return Concat(name, "no other keyframe in the window, at least ", min_source_views, " needed");
   }
   const SourceViewSelection selection =
-      SelectSourceViews(CameraOf(*keyframe.frame), TypicalDepth(keyframe.range), others.views, max_source_views_);
+      SelectSourceViews(CameraOf(*keyframe.frame), keyframe.range, others.views, max_source_views_);
   std::string text = Concat(name, selection.num_useful, " of ", others.keyframes.size(),
                             " other images in the window useful, at least ", min_source_views, " needed");
   if (selection.num_without_baseline > 0) {

@@ -55,16 +55,30 @@ std::vector<int> SourcesOfDataset(const Scene& scene, const ImagePlan& plan, con
 
 /// Source views of the images for which the dataset names none, among all of these.
 void ChooseSourceViews(const Scene& scene, int max_sources, std::vector<ImagePlan>* images) {
-  std::vector<SourceViewCandidate> candidates;
-  for (const ImagePlan& plan : *images) {
-    const SceneImage& image = scene.images[static_cast<size_t>(plan.index)];
-    candidates.push_back({{image.camera, image.cam_from_world}});
+  std::vector<SourceViewCandidate> all;
+  std::vector<std::vector<size_t>> observers(scene.landmarks_in_world.size());
+  for (size_t i = 0; i < images->size(); ++i) {
+    const SceneImage& image = scene.images[static_cast<size_t>((*images)[i].index)];
+    all.push_back({{image.camera, image.cam_from_world}});
+    for (int landmark : image.landmark_indices) observers[static_cast<size_t>(landmark)].push_back(i);
   }
   tbb::parallel_for(size_t{0}, images->size(), [&](size_t i) {
     ImagePlan& plan = (*images)[i];
-    const double depth = TypicalDepth(plan.range);  // 0: no image has a range
-    if (!scene.images[static_cast<size_t>(plan.index)].ranked_sources.empty() || !(depth > 0)) return;
-    for (const auto& view : SelectSourceViews(candidates[i].view, depth, candidates, max_sources).views) {
+    const SceneImage& image = scene.images[static_cast<size_t>(plan.index)];
+    if (!image.ranked_sources.empty() || !(plan.range.max > 0)) return;  // 0: no image has a range
+    std::vector<SourceViewCandidate> candidates = all;
+    std::vector<int> shared(candidates.size());
+    int count = 0;
+    for (int landmark : image.landmark_indices) {
+      const Eigen::Vector3d& point = scene.landmarks_in_world[static_cast<size_t>(landmark)];
+      if (!(DepthInView(point, image.camera, image.cam_from_world) > 0)) continue;
+      ++count;
+      for (size_t observer : observers[static_cast<size_t>(landmark)]) ++shared[observer];
+    }
+    for (size_t k = 0; k < shared.size() && count > 0; ++k) {
+      candidates[k].shared_landmarks = static_cast<double>(shared[k]) / count;
+    }
+    for (const auto& view : SelectSourceViews(all[i].view, plan.range, candidates, max_sources).views) {
       plan.sources.push_back((*images)[view.index].index);
     }
   });

@@ -122,7 +122,7 @@ void WritePairs(const fs::path& folder, const std::vector<SyntheticView>& views)
   all.reserve(views.size());
   for (const SyntheticView& view : views) all.push_back({{view.frame.camera, view.frame.cam_from_world}});
   for (size_t i = 0; i < views.size(); ++i) {
-    const auto sources = SelectSourceViews(all[i].view, TypicalDepth(RangeOf(views[i])), all, kSources).views;
+    const auto sources = SelectSourceViews(all[i].view, RangeOf(views[i]), all, kSources).views;
     text << i << '\n' << sources.size();
     for (const SelectedSourceView& source : sources) text << ' ' << source.index << ' ' << source.gain;
     text << '\n';

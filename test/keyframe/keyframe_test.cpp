@@ -185,12 +185,15 @@ PosedCamera Turned(PosedCamera view, double angle_deg) {
   return view;
 }
 
+/// A range with this depth in the middle.
+DepthRange About(double depth) { return {static_cast<float>(depth / 2), static_cast<float>(depth * 2)}; }
+
 SourceViewSelection Select(const std::vector<PosedCamera>& views, int max_source_views = 10,
                            const PosedCamera& reference = OnArc(0), double depth = kRadius) {
   std::vector<SourceViewCandidate> candidates;
   candidates.reserve(views.size());
   for (const PosedCamera& view : views) candidates.push_back({view});
-  return SelectSourceViews(reference, depth, candidates, max_source_views);
+  return SelectSourceViews(reference, About(depth), candidates, max_source_views);
 }
 
 std::vector<size_t> Indices(const SourceViewSelection& selection) {
@@ -233,6 +236,43 @@ TEST(SelectSourceViewsTest, SecondViewFromTheSameSideCountsHalf) {
   EXPECT_EQ(other_side.gain, other_side.views[0].gain + other_side.views[1].gain);
 }
 
+TEST(SelectSourceViewsTest, AnotherLengthOfTheBaselineCountsLikeAnotherSide) {
+  const double alone = GainOf(OnArc(5.5));
+  EXPECT_NEAR(Select({OnArc(9.5), OnArc(9.501)}).views[1].gain, 0.5 * GainOf(OnArc(9.5)), 0.01);
+  // Along nearly one direction the first counts for as much as it is longer or shorter: 5.5 / 9.5.
+  EXPECT_NEAR(Select({OnArc(9.5), OnArc(5.5)}).gain - GainOf(OnArc(9.5)), alone / (1 + 5.5 / 9.5), 0.03);
+}
+
+TEST(SelectSourceViewsTest, FindsShortBaselinesForWhatIsNearAndLongOnesForWhatIsFar) {
+  const auto beside = [](double x) {
+    PosedCamera view = {kSmallCamera};
+    view.cam_from_world.translation().x() = -x;
+    return view;
+  };
+  const std::vector<PosedCamera> views = {beside(3.5), beside(4), beside(4.5), beside(0.7), beside(-0.7), beside(-3.5)};
+  std::vector<SourceViewCandidate> candidates;
+  for (const PosedCamera& view : views) candidates.push_back({view});
+  const auto choose = [&](const DepthRange& range) {
+    return Indices(SelectSourceViews(beside(0), range, candidates, 3));
+  };
+  // At 30 m the short ones are of no use. Depths of 2 to 450 m are two planes, about 8 and 116 m.
+  EXPECT_THAT(choose({15, 60}), Not(AnyOf(Contains(3), Contains(4))));
+  EXPECT_THAT(choose({2, 450}), AnyOf(Contains(3), Contains(4)));
+}
+
+TEST(SelectSourceViewsTest, LeavesOutViewsThatHardlyShareLandmarksWhereFourOthersDo) {
+  std::vector<SourceViewCandidate> candidates = {
+      {OnArc(7), 0, 0.02}, {OnArc(-7), 0, 0.5}, {OnArc(4), 0, 0.06}, {OnArc(-4), 0, 0.3}};
+  const auto choose = [&] { return Indices(SelectSourceViews(OnArc(0), About(kRadius), candidates, 10)); };
+  EXPECT_THAT(choose(), UnorderedElementsAre(0, 1, 2, 3));
+  candidates.push_back({OnArc(12)});  // nobody knows what it shares
+  EXPECT_THAT(choose(), UnorderedElementsAre(1, 2, 3, 4));
+}
+
+TEST(SelectSourceViewsTest, RefusesBadRanges) {
+  EXPECT_REFUSED(SelectSourceViews(OnArc(0), DepthRange{0, 5}, {}, 10), "depth range [0, 5]");
+}
+
 TEST(SelectSourceViewsTest, FillsThePartOfTheReferenceThatNoViewSeesYet) {
   // Two see the left half, the third, a little worse, the right half.
   const PosedCamera left = Turned(OnArc(7), 30), right = Turned(OnArc(4.5), -30);
@@ -250,10 +290,10 @@ TEST(SelectSourceViewsTest, PenalisesAnotherResolution) {
 
 TEST(SelectSourceViewsTest, TakesViewsOfAHigherPriorityFirst) {
   std::vector<SourceViewCandidate> candidates = {{OnArc(7)}, {OnArc(2), 1}, {OnArc(-7)}, {OnArc(2.5), 1}};
-  const SourceViewSelection all = SelectSourceViews(OnArc(0), kRadius, candidates, 10);
+  const SourceViewSelection all = SelectSourceViews(OnArc(0), About(kRadius), candidates, 10);
   EXPECT_THAT(Indices(all), ElementsAre(3, 1, 2, 0));
   EXPECT_EQ(all.num_useful, 4);
-  EXPECT_THAT(Indices(SelectSourceViews(OnArc(0), kRadius, candidates, 3)), ElementsAre(3, 1, 2));
+  EXPECT_THAT(Indices(SelectSourceViews(OnArc(0), About(kRadius), candidates, 3)), ElementsAre(3, 1, 2));
 }
 
 TEST(SelectSourceViewsTest, TakesViewsAheadThatSeeOnlyTheBorderAtAnAngle) {
@@ -323,8 +363,8 @@ TEST(SelectSourceViewsTest, DependsOnAnglesAndNotOnTheScenesUnit) {
     for (const PosedCamera& view : views) scaled_views.push_back(scaled(view));
     const SourceViewSelection selection = Select(scaled_views, 10, scaled(OnArc(0)), scale * kRadius);
     ASSERT_EQ(Indices(selection), Indices(expected));
-    // Rounding of double at the same relative size.
-    for (size_t i = 0; i < 4; ++i) EXPECT_NEAR(selection.views[i].gain, expected.views[i].gain, 1e-9);
+    // The range is of floats, 6e-8 of a depth; gains change by less than ten times the share by which a depth does.
+    for (size_t i = 0; i < 4; ++i) EXPECT_NEAR(selection.views[i].gain, expected.views[i].gain, 6e-7);
   }
   // The scene twice as far: the angles halve.
   EXPECT_NEAR(Select({OnArc(1.6)}, 10, OnArc(0), 2 * kRadius).largest_small_angle_deg, 0.8, 0.1);

@@ -3,6 +3,7 @@
 #include <set>
 
 #include "acmp_mapping/dataset/map_io.h"
+#include "plan.h"
 #include "progress.h"
 #include "reconstruction/run_fixture.h"
 #include "support/error_text.h"
@@ -268,6 +269,32 @@ TEST_F(ReconstructTest, QuietRunsPrintNothing) {
   for (const char* stage : {"photometric", "prior construction", "planar prior", "geometric", "fusion", "kernels"}) {
     EXPECT_THAT(ReadText(options_.output / "summary.json"), HasSubstr(stage)) << "its time";
   }
+}
+
+TEST(OfflinePlan, ViewsThatHardlyShareLandmarksAreNotChosen) {
+  const PinholeCamera camera = {100, 80, 100, 100, 49.5, 39.5};
+  Scene scene;
+  for (int i = 0; i < 6; ++i) {  // in a row, looking the same way
+    SceneImage image;
+    image.camera = camera;
+    image.cam_from_world.translation().x() = -0.4 * i;
+    scene.images.push_back(image);
+  }
+  // The last one stands behind a wall: it sees none of the points that the others do.
+  for (int i = 0; i < 40; ++i) {
+    scene.landmarks_in_world.emplace_back(0.1 * (i % 8), 0.1 * (i / 8), 4);
+    for (int k = 0; k < 6; ++k) {
+      if ((k == 5) == (i % 2 == 1)) scene.images[static_cast<size_t>(k)].landmark_indices.push_back(i);
+    }
+  }
+  const auto plan_of = [&] {
+    return MakeOfflinePlan(scene, {0, 1, 2, 3, 4, 5}, std::vector<std::optional<DepthRange>>(6, DepthRange{3, 5}), {});
+  };
+  const ReconstructPlan plan = plan_of();
+  EXPECT_THAT(plan.images[0].sources, UnorderedElementsAre(1, 2, 3, 4));
+  EXPECT_EQ(plan.images[5].sources.size(), 5u);  // none shares any with it: all are as good
+  for (SceneImage& image : scene.images) image.landmark_indices.clear();
+  EXPECT_THAT(plan_of().images[0].sources, UnorderedElementsAre(1, 2, 3, 4, 5));
 }
 
 TEST(Progress, TimeLeftFollowsTheShareOfTheWorkAndIgnoresReusedSteps) {

@@ -9,13 +9,15 @@ namespace acmp {
 
 constexpr int kMaxSelectedViews = 32;  ///< what the matcher takes (kMaxSourceViews)
 
-constexpr double kMinSourceAngleDeg = 1.0;  ///< triangulation angle below which a view is useless
-constexpr double kMinSourceOverlap = 0.1;   ///< share of the reference that a source must see, at that angle or more
+constexpr double kMinSourceAngleDeg = 1.0;    ///< triangulation angle below which a view is useless
+constexpr double kMinSourceOverlap = 0.1;     ///< share of the reference that a source must see, at that angle or more
+constexpr double kMinSharedLandmarks = 0.05;  ///< share of the reference's landmarks that a source should observe
 
 /// A view that may become a source view.
 struct SourceViewCandidate {
   PosedCamera view;
   int priority = 0;  ///< useful ones of a higher priority are taken first, others where these do not fill the list
+  double shared_landmarks = 1;  ///< share of the reference's landmarks that it observes, 0..1; 1 where nobody knows
 };
 
 struct SelectedSourceView {
@@ -40,18 +42,21 @@ struct SourceViewSelection {
 /// Middle of the range in the logarithm: a depth that is as many times the nearest as the farthest is of it.
 double TypicalDepth(const DepthRange& range);
 
-/// Chooses the views that are most useful to match the reference against, one by one. The scene is taken for a plane at
-/// one depth, since that is known before anything is matched, and on recorded scenes it chose better than sparse points
-/// did. Each candidate has a weight at each pixel of a grid in the reference: in view, under a good triangulation
-/// angle, at about the same resolution. The next view is the one that adds most, summed over the pixels, where a pixel
-/// counts the less the more views chosen before see it from the same side (cosine between the baselines' directions): a
-/// surface that a nearer one hides from views on one side is mostly seen from the other.
+/// Chooses the views that are most useful to match the reference against, one by one. What the reference sees is taken
+/// for a grid of points at the middle of the range of depths, which is known before anything is matched, or in turn at
+/// several depths where the range is wide, as in streets. Each candidate has a weight at each point: in view,
+/// under a good triangulation angle, at about the same resolution. The next view is the one that adds most, summed over
+/// the points, where a point counts the less the more views chosen before see it with a like baseline, in direction and
+/// length: a surface that a nearer one hides from views on one side is mostly seen from the other, and short baselines
+/// match what long ones measure. Of candidates that hardly share landmarks with the reference none is chosen where at
+/// least four others are useful.
 ///
-/// `typical_depth` (z > 0, scene units) is the plane's. A candidate without baseline or overlap is left out, so the
-/// result may be empty; equal candidates keep their order. The reference may be among them: it has no baseline. Throws
-/// InvalidInputError for a depth that is not positive and finite.
+/// A candidate without baseline or overlap is left out, so the result may be empty; equal candidates keep their order.
+/// The reference may be among them: it has no baseline. Throws InvalidInputError for a range that CheckDepthRange
+/// refuses.
+/// @param range depths of the reference, scene units
 /// @param max_source_views of the selection, 1..kMaxSelectedViews
-SourceViewSelection SelectSourceViews(const PosedCamera& reference, double typical_depth,
+SourceViewSelection SelectSourceViews(const PosedCamera& reference, const DepthRange& range,
                                       const std::vector<SourceViewCandidate>& candidates, int max_source_views);
 
 }  // namespace acmp
