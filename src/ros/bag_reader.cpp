@@ -203,10 +203,25 @@ class RecordReader {
   rosbag::StreamFactory streams_{&no_file_};
 };
 
+/// Whether the path is a recording of ROS 2, or its folder: by its first bytes, or by the list of its files.
+bool IsOfRos2(const std::filesystem::path& path) {
+  if (std::filesystem::is_directory(path)) return std::filesystem::is_regular_file(path / "metadata.yaml");
+  constexpr std::string_view kSqlite("SQLite format 3\0", 16), kMcap("\x89MCAP0\r\n", 8);
+  std::string begin(kSqlite.size(), '\0');
+  std::ifstream(path, std::ios::binary).read(begin.data(), static_cast<std::streamsize>(begin.size()));
+  return begin == kSqlite || begin.compare(0, kMcap.size(), kMcap) == 0;
+}
+
 }  // namespace
 
 void ReadBag(const std::filesystem::path& path, const char* when_cut_off,
              const std::function<void(const rosbag::Bag&)>& read, size_t max_bytes) {
+  if (IsOfRos2(path)) {
+    const std::filesystem::path folder =
+        std::filesystem::is_directory(path) ? path : std::filesystem::absolute(path).parent_path();
+    throw InvalidInputError(Concat(path, ": is a recording of ROS 2. Make a bag of it with: rosbags-convert --src ",
+                                   folder, " --dst NAME.bag --dst-typestore ros1_noetic (pip install rosbags)"));
+  }
   if (!std::filesystem::is_regular_file(path)) throw InvalidInputError(Concat(path, ": no such file"));
   if (!std::ifstream(path)) throw InvalidInputError(Concat(path, ": cannot be opened: ", std::strerror(errno)));
   bool opened = false;

@@ -245,8 +245,9 @@ class SourceFactory {
       if (record.getDataType() != source.fixed.type) return;
       try {
         if (const auto message = InstantiateChecked<Message>(record)) return receive(message);
-        throw InvalidInputError(
-            Concat("recorded with another definition of ", source.fixed.type, "; convert it with: rosbag fix"));
+        throw InvalidInputError(Concat("recorded with another definition of ", source.fixed.type,
+                                       "; convert it with: rosbag fix, or, if it was of ROS 2, "
+                                       "rosbags-convert ... --dst-typestore ros1_noetic"));
       } catch (const InvalidInputError& error) {
         ++source.received;
         sink.on_drop({reason, Concat(source.fixed.topic, ": ", error.what()), BringsImages(source.fixed.kind)});

@@ -43,6 +43,13 @@ expect 1 "cannot write to the standard output" eval '"$bin/acmp_check_bag" a.bag
 expect 1 "cannot write to the standard output" eval '"$bin/acmp_check_bag" --help 2>&1 >/dev/full'
 expect 2 "truncated" "$bin/acmp_check_bag" cut.bag
 expect 2 "no such file" "$bin/acmp_check_bag" missing.bag
+printf 'SQLite format 3\0more' > ros2.db3
+printf '\x89MCAP0\r\nmore' > ros2.mcap
+mkdir ros2_folder
+touch ros2_folder/metadata.yaml
+for recording in ros2.db3 ros2.mcap ros2_folder; do
+  expect 2 "is a recording of ROS 2" "$bin/acmp_check_bag" "$recording"
+done
 expect 2 "not in the bag" "$bin/acmp_check_bag" a.bag --image /nowhere
 expect 2 "--pose-is" "$bin/acmp_check_bag" a.bag --pose-is upside_down
 
