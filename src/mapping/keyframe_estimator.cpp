@@ -180,8 +180,8 @@ void KeyframeEstimator::Finish(KeyframeSteps* steps) {
   KeepInstant(steps);
   WindowKeyframe& keyframe = *steps->keyframe;
   ReadEstimates(steps->sources, &WindowKeyframe::EstimateAfterPasses, &steps->problem);
-  // Without its future views others read the maps from before the last filling. Filled pixels confirm nothing, so
-  // theirs would be filled there, too, and so on from keyframe to keyframe.
+  // Without its future views other keyframes read the estimate before the last filling. Filled pixels confirm nothing:
+  // where this keyframe is filled the others would be filled, too, and so on from keyframe to keyframe.
   keyframe.refined =
       steps->after_passes ? std::move(steps->after_passes) : EngineEstimatePtr(steps->problem.reference.estimate);
   keyframe.lacks_future_views = steps->lacks_future_views;

@@ -73,8 +73,8 @@ struct WindowKeyframe {
   EngineEstimatePtr shared;   ///< while it is refined together with others: after the last step; else null
   StageTimes times;           ///< of initial estimates since the last refinement
 
-  /// Refined before kEnoughLaterKeyframes had come. Passes of others then go on reading its initial estimate, and
-  /// `refined` is as the last pass left it, before what is unverified was filled.
+  /// Refined before kEnoughLaterKeyframes had come. Then passes of other keyframes go on reading `initial`, and
+  /// `refined` holds the estimate of the last pass, without the filling after it.
   bool lacks_future_views = false;
 
   std::vector<MatchedView> initial_views;  ///< of `initial`

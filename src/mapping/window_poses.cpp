@@ -7,7 +7,8 @@
 namespace acmp {
 namespace {
 
-/// As the frontend has moved since another keyframe, or another camera of the same capture lies to it.
+/// The pose of a keyframe from that of another one and the received motion between the two: of the frontend since then,
+/// or from one camera to another of the same capture.
 void PredictPose(const RigidTransform& received_before, const MatchingPose& before, WindowKeyframe* keyframe) {
   const RigidTransform& received = keyframe->frame->cam_from_world;
   keyframe->pose = {std::nullopt, {received, 1, std::nullopt, PoseFit()}};

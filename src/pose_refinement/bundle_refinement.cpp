@@ -70,8 +70,9 @@ std::vector<ViewPose> MotionsBetween(const std::vector<ViewPose>& poses) {
   return motions;
 }
 
-/// What expected poses are thought to be off by is what they have been corrected by. Motions count for less than that:
-/// there are as many of them, and priors that hold poses make themselves surer.
+/// The standard deviations of the expected poses are the sizes of their last corrections. Motions get three times
+/// theirs: there are as many motions as poses, and a prior that holds the poses makes the next corrections smaller, and
+/// so itself stronger.
 void WeighExpectedPoses(const Bundle& bundle, double typical_depth, BundleWeights* weights) {
   const Corrections corrections = Between(bundle.expected, bundle.poses);
   weights->rotation_sigma = std::clamp(corrections.rotation, 1e-4, 0.05);

@@ -148,9 +148,9 @@ struct PoseRefiner::Impl {
     }
   }
 
-  /// Compares models often until they tell, then once in a while. That costs as much as several keyframes: so it is
-  /// done beside them, and taken in always as many later, or, live, when it is ready. Where received poses turn out to
-  /// be bent, or not to be so after all, refined ones begin anew.
+  /// Compares models often until they tell, then once in a while. A comparison takes as long as several keyframes, so a
+  /// thread of its own makes it. Its result is used a fixed number of keyframes later or, live, when it is ready. Where
+  /// received poses turn out to be bent, or turn out not to be, refined poses begin anew.
   void CompareIfDue() {
     constexpr int kOften = 5, kSeldom = 30;
     constexpr size_t kMinCompared = 25;  // keyframes: over fewer a pinhole hardly bends anything

@@ -30,11 +30,11 @@ FillContext MakeFillContext(const PinholeCamera& camera, const DepthRange& range
 
 /// Gives pixels that hardly any source view confirms (MinConsistentViews) the plane of their surroundings: robust
 /// planes are fitted to the confirmed pixels around, a square of 19 % of the image's longer side, and each pixel takes
-/// the weighted median of the nearest ones in 16 directions; before passes the one on which most seeds lie, and there
-/// those that more views confirm closely go before nearer ones. Filled pixels that no view had confirmed get
-/// kWorstCost, the others kUnverifiedCost. Then, if it is asked for, a weighted median (WeightedMedianPixel) where
-/// surfaces meet: a window beside something nearer takes its depth, all views do so alike, and surfaces in the free
-/// space of sources count less.
+/// the weighted median of the nearest ones in 16 directions. Before passes it takes another one of the 16: the plane
+/// on which most seeds lie, where seeds that more views confirm closely go before nearer seeds. Filled pixels that no
+/// view had confirmed get kWorstCost, the others kUnverifiedCost. Then, if it is asked for, a weighted median
+/// (WeightedMedianPixel) where surfaces meet: a window beside something nearer takes its depth, all views do so alike,
+/// and surfaces in the free space of sources count less.
 /// @param setup with ConsistencyLimits, of maps in host memory as they were before; without sources nothing changes
 /// @param planes,cost of the reference; changed
 void FillUnverified(const FusionSetup& setup, const DepthRange& range, const FillOptions& options,

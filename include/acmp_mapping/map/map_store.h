@@ -172,8 +172,8 @@ MapCloud CloudOf(const PlacedKeyframes& map);
 /// Keyframes with refined poses are placed along the trajectory that the frontend gave, as corrected (PlaceAlong), anew
 /// whenever the map is read: so later keyframes and loop closures also tell where earlier ones lie.
 ///
-/// Points learn from the keyframes that are added after them, or were before with a later stamp: what later ones look
-/// through leaves the map (TakeLaterView). Each keyframe looks once, at as many as kMaxLookedAt around it. That takes
+/// A keyframe with a later stamp, added before or after, removes the points of an earlier one that it sees through
+/// (TakeLaterView). Each keyframe looks once, at as many as kMaxLookedAt around it. That takes
 /// longer than to add it, and may be done later (LookAroundNext): the map comes to be the same.
 ///
 /// The map does not depend on the order in which keyframes of different mappers come, but for what the limits of the

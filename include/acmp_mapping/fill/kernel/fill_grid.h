@@ -47,8 +47,8 @@ struct FillContext {
   float depth_min, depth_max;
   int seed_views;    ///< a pixel that so many source views confirm is a seed
   int min_views;     ///< one that fewer confirm is filled
-  int strong_views;  ///< > 0, before passes: seeds that so many views confirm closely (is_strong) go first, min_views,
-                     ///< too, counts only views that confirm closely, and seeds elect the plane that a pixel takes
+  int strong_views;  ///< 0: after passes. Else seeds that this many views confirm closely (is_strong) go first,
+                     ///< min_views counts views that confirm closely, and a pixel takes the plane of most seeds
   int cell_size;     ///< px
   ImageView<const ViewSupport> support;  ///< what the sources see of a pixel (CountSupportingViews)
   ImageView<PlaneHypothesis> planes;
