@@ -7,6 +7,7 @@
 #include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/lens_models.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/ros/bag_file.h"
@@ -151,7 +152,7 @@ sensor_msgs::Image ToMaskMessage(const Mask& mask, const std_msgs::Header& heade
 
 sensor_msgs::CameraInfo ToCameraInfo(const PinholeCamera& camera, const LensDistortion& distortion,
                                      const std_msgs::Header& header) {
-  const DistortionModel& model = DistortionModelOf(distortion.model);
+  const LensModel& model = LensModelOf(distortion.model);
   if (distortion.coefficients.size() > model.most) {
     throw InvalidInputError(
         Concat(distortion.coefficients.size(), " distortion coefficients: ", model.name, " has at most ", model.most));

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/lens_models.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/geometry/lens.h"
 #include "input_file.h"
@@ -53,13 +54,10 @@ void WriteCameraList(const std::filesystem::path& path, const std::vector<Listed
 
 void WriteCalibration(const std::filesystem::path& path, const Lens& lens, const std::string& comment) {
   constexpr int kDigits = 9;
-  constexpr const char* kNames[] = {"plumb_bob", "plumb_bob", "rational_polynomial", "equidistant",
-                                    "mei",       "eucm",      "double_sphere",       "equirectangular"};
-  constexpr size_t kCoefficients[] = {5, 5, 8, 4, 5, 2, 2, 0};
   const PinholeCamera& c = lens.camera();
-  const auto model = static_cast<size_t>(lens.distortion().model);
+  const LensModel& model = LensModelOf(lens.distortion().model);
   std::vector<double> coefficients = lens.distortion().coefficients;
-  coefficients.resize(kCoefficients[model]);
+  coefficients.resize(model.most);
   std::ostringstream text = MakeTextFile(kDigits);
   const auto add = [&](const char* name, size_t rows, size_t cols, const std::vector<double>& data) {
     text << name << ":\n  rows: " << rows << "\n  cols: " << cols << "\n  data: [";
@@ -69,7 +67,7 @@ void WriteCalibration(const std::filesystem::path& path, const Lens& lens, const
   text << "# " << comment << "\nimage_width: " << c.width << "\nimage_height: " << c.height
        << "\ncamera_name: camera\n";
   add("camera_matrix", 3, 3, {c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1});
-  text << "distortion_model: " << kNames[model] << '\n';
+  text << "distortion_model: " << model.name << '\n';
   add("distortion_coefficients", 1, coefficients.size(), coefficients);
   add("rectification_matrix", 3, 3, {1, 0, 0, 0, 1, 0, 0, 0, 1});
   add("projection_matrix", 3, 4, {c.fx, 0, c.cx, 0, 0, c.fy, c.cy, 0, 0, 0, 1, 0});

@@ -5,31 +5,34 @@
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/lens_models.h"
 #include "scene_readers.h"
 
 namespace acmp {
 namespace {
 
-// Ids and parameter counts of COLMAP's camera models (its documentation, "Camera Models"); 0 parameters: known by name,
-// but no Lens has such distortion.
-constexpr std::array<ColmapCameraModel, 18> kModels = {{{"SIMPLE_PINHOLE", 0, 1, 3},
-                                                        {"PINHOLE", 1, 2, 4},
-                                                        {"SIMPLE_RADIAL", 2, 1, 4},
-                                                        {"RADIAL", 3, 1, 5},
-                                                        {"OPENCV", 4, 2, 8},
-                                                        {"OPENCV_FISHEYE", 5, 2, 8},
-                                                        {"FULL_OPENCV", 6, 2, 12},
-                                                        {"FOV", 7, 0, 0},
-                                                        {"SIMPLE_RADIAL_FISHEYE", 8, 1, 4},
-                                                        {"RADIAL_FISHEYE", 9, 1, 5},
-                                                        {"THIN_PRISM_FISHEYE", 10, 0, 0},
-                                                        {"RAD_TAN_THIN_PRISM_FISHEYE", 11, 0, 0},
-                                                        {"SIMPLE_DIVISION", 12, 0, 0},
-                                                        {"DIVISION", 13, 0, 0},
-                                                        {"SIMPLE_FISHEYE", 14, 1, 3},
-                                                        {"FISHEYE", 15, 2, 4},
-                                                        {"EUCM", 16, 2, 6},
-                                                        {"EQUIRECTANGULAR", 17, 0, 2}}};
+using Model = LensDistortion::Model;
+
+// COLMAP's camera models (its documentation, "Camera Models"): ids, focal lengths, parameters, and the lens they are
+// here. 0 parameters: known by name, but no Lens has such distortion.
+constexpr std::array<ColmapCameraModel, 18> kModels = {{{"SIMPLE_PINHOLE", 0, 1, 3, Model::kNone},
+                                                        {"PINHOLE", 1, 2, 4, Model::kNone},
+                                                        {"SIMPLE_RADIAL", 2, 1, 4, Model::kBrownConrady},
+                                                        {"RADIAL", 3, 1, 5, Model::kBrownConrady},
+                                                        {"OPENCV", 4, 2, 8, Model::kBrownConrady},
+                                                        {"OPENCV_FISHEYE", 5, 2, 8, Model::kEquidistant},
+                                                        {"FULL_OPENCV", 6, 2, 12, Model::kRational},
+                                                        {"FOV", 7, 0, 0, Model::kNone},
+                                                        {"SIMPLE_RADIAL_FISHEYE", 8, 1, 4, Model::kEquidistant},
+                                                        {"RADIAL_FISHEYE", 9, 1, 5, Model::kEquidistant},
+                                                        {"THIN_PRISM_FISHEYE", 10, 0, 0, Model::kNone},
+                                                        {"RAD_TAN_THIN_PRISM_FISHEYE", 11, 0, 0, Model::kNone},
+                                                        {"SIMPLE_DIVISION", 12, 0, 0, Model::kNone},
+                                                        {"DIVISION", 13, 0, 0, Model::kNone},
+                                                        {"SIMPLE_FISHEYE", 14, 1, 3, Model::kEquidistant},
+                                                        {"FISHEYE", 15, 2, 4, Model::kEquidistant},
+                                                        {"EUCM", 16, 2, 6, Model::kExtendedUnified},
+                                                        {"EQUIRECTANGULAR", 17, 0, 2, Model::kEquirectangular}}};
 
 std::string SupportedNames() {
   std::string names;
@@ -47,23 +50,12 @@ const ColmapCameraModel& CheckSupported(const std::string& where, const std::str
       Concat(where, ": camera model ", value, known, " is not supported: must be one of ", SupportedNames()));
 }
 
-bool IsFisheye(const std::string& name) { return name.find("FISHEYE") != std::string::npos; }
-
-LensDistortion MakeDistortion(const std::string& name, std::vector<double> coefficients) {
-  LensDistortion distortion;
-  if (IsFisheye(name)) {
-    // Without coefficients this is still an equidistant projection, not a pinhole one.
-    coefficients.resize(4, 0.0);
-    distortion.model = LensDistortion::Model::kEquidistant;
-  } else {
-    if (name == "EUCM") return {LensDistortion::Model::kExtendedUnified, std::move(coefficients)};
-    const bool none = std::all_of(coefficients.begin(), coefficients.end(), [](double c) { return c == 0; });
-    if (none) return distortion;
-    distortion.model = name == "FULL_OPENCV" ? LensDistortion::Model::kRational : LensDistortion::Model::kBrownConrady;
-    coefficients.resize(std::max<size_t>(coefficients.size(), 4), 0.0);  // p1 = p2 = 0
-  }
-  distortion.coefficients = std::move(coefficients);
-  return distortion;
+LensDistortion MakeDistortion(Model model, std::vector<double> coefficients) {
+  const bool is_plane = model == Model::kNone || model == Model::kBrownConrady || model == Model::kRational;
+  if (is_plane && std::all_of(coefficients.begin(), coefficients.end(), [](double c) { return c == 0; })) return {};
+  // Without coefficients a fisheye is still an equidistant projection, not a pinhole one.
+  coefficients.resize(std::max(coefficients.size(), LensModelOf(model).least), 0.0);
+  return {model, std::move(coefficients)};
 }
 
 }  // namespace
@@ -85,10 +77,9 @@ ColmapCamera MakeColmapCamera(const std::string& where, const ColmapCameraModel&
   constexpr int64_t kMaxSize = std::numeric_limits<int>::max();
   CheckRange((where + ": image width").c_str(), width, int64_t{1}, kMaxSize);
   CheckRange((where + ": image height").c_str(), height, int64_t{1}, kMaxSize);
-  const std::string name = model.name;
   const auto focal_lengths = static_cast<size_t>(model.focal_lengths);
   ColmapCamera result;
-  if (name == "EQUIRECTANGULAR") {  // its parameters are the size once more
+  if (model.model == Model::kEquirectangular) {  // its parameters are the size once more
     const double px_per_rad = static_cast<double>(width) / (360 * kRadPerDeg<double>);
     result.camera = {static_cast<int>(width),
                      static_cast<int>(height),
@@ -96,7 +87,7 @@ ColmapCamera MakeColmapCamera(const std::string& where, const ColmapCameraModel&
                      px_per_rad,
                      0.5 * static_cast<double>(width) - 0.5,
                      0.5 * static_cast<double>(height) - 0.5};
-    result.distortion.model = LensDistortion::Model::kEquirectangular;
+    result.distortion.model = model.model;
     CheckLens(where, result.camera, result.distortion);
     return result;
   }
@@ -104,7 +95,8 @@ ColmapCamera MakeColmapCamera(const std::string& where, const ColmapCameraModel&
                    parameters[focal_lengths - 1], parameters[focal_lengths] - 0.5, parameters[focal_lengths + 1] - 0.5};
   CheckCamera(where.c_str(), result.camera);
   result.distortion = MakeDistortion(
-      name, std::vector<double>(parameters.begin() + static_cast<ptrdiff_t>(focal_lengths) + 2, parameters.end()));
+      model.model,
+      std::vector<double>(parameters.begin() + static_cast<ptrdiff_t>(focal_lengths) + 2, parameters.end()));
   CheckLens(where, result.camera, result.distortion);
   return result;
 }

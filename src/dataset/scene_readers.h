@@ -39,6 +39,7 @@ struct ColmapCameraModel {
   int id;
   int focal_lengths;  ///< 1: fx = fy
   int parameters;     ///< in all
+  LensDistortion::Model model;
 };
 
 /// Looks a model up; InvalidInputError naming `where` and the model for one that cannot be undistorted here.

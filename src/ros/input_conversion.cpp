@@ -9,6 +9,7 @@
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/lens_models.h"
 #include "acmp_mapping/intake/pose_semantics.h"
 
 namespace acmp {
@@ -16,52 +17,21 @@ namespace {
 
 constexpr int64_t kMaxImageSide = 32767;  // cv::remap, which rectifies images, has 16-bit coordinates
 
-const std::vector<DistortionModel>& DistortionModels() {
-  using Model = LensDistortion::Model;
-  static const std::vector<DistortionModel> models = {
-      {Model::kBrownConrady, "plumb_bob", 4, 5, {"plumbbob", "radtan", "radialtangential", "brownconrady"}},
-      {Model::kRational, "rational_polynomial", 4, 8, {"rationalpolynomial", "radialtangential8"}},
-      {Model::kEquidistant,
-       "equidistant",
-       4,
-       4,
-       {"equidistant", "equi", "fisheye", "kannalabrandt", "kannalabrandt4", "kannalabrandt8"}},
-      {Model::kUnified, "mei", 5, 5, {"mei", "unified", "omnidirectional", "omni", "omniradtan"}},
-      {Model::kExtendedUnified, "eucm", 2, 2, {"eucm", "extendedunified", "enhancedunified"}},
-      {Model::kDoubleSphere, "double_sphere", 2, 2, {"doublesphere", "ds"}},
-      {Model::kEquirectangular, "equirectangular", 0, 0, {"equirectangular", "spherical"}}};
-  return models;
-}
-
-/// Null where the name is not known.
-const DistortionModel* FindModel(const std::string& name) {
-  std::string plain;
-  for (const unsigned char c : name) {
-    if (std::isalnum(c)) plain += static_cast<char>(std::tolower(c));
-  }
-  for (const DistortionModel& model : DistortionModels()) {
-    for (const char* known : model.names) {
-      if (plain == known) return &model;
-    }
-  }
-  return nullptr;
-}
-
 bool IsSphere(const sensor_msgs::CameraInfo& info) {
-  const DistortionModel* model = FindModel(info.distortion_model);
+  const LensModel* model = FindLensModel(info.distortion_model);
   return model != nullptr && model->model == LensDistortion::Model::kEquirectangular;
 }
 
 LensDistortion ToDistortion(const sensor_msgs::CameraInfo& info) {
   const auto is_zero = [](double d) { return d == 0; };
-  const DistortionModel* found = FindModel(info.distortion_model);
+  const LensModel* found = FindLensModel(info.distortion_model);
   const bool needs_none = found == nullptr || (found->model != LensDistortion::Model::kUnified && !IsSphere(info));
   if (needs_none && std::all_of(info.D.begin(), info.D.end(), is_zero)) return {};
   if (found == nullptr) {
-    throw InvalidInputError(
-        Concat("camera_info distortion_model = \"", info.distortion_model,
-               "\": must be plumb_bob, rational_polynomial, equidistant, mei, eucm, double_sphere or "
-               "equirectangular; of other lenses give the rectified images (rectified: true)"));
+    std::string known;
+    for (const LensModel& model : LensModels()) known += Concat(known.empty() ? "" : ", ", model.name);
+    throw InvalidInputError(Concat("camera_info distortion_model = \"", info.distortion_model, "\": must be one of ",
+                                   known, "; of other lenses give the rectified images (rectified: true)"));
   }
   const auto zeros_from = [&](size_t index) {
     return std::all_of(info.D.begin() + static_cast<std::ptrdiff_t>(std::min(index, info.D.size())), info.D.end(),
@@ -70,7 +40,7 @@ LensDistortion ToDistortion(const sensor_msgs::CameraInfo& info) {
   // OpenCV has one list for both, and so have programs that write the name without a look at the number.
   const bool is_rational =
       found->model == LensDistortion::Model::kBrownConrady && info.D.size() >= 8 && !zeros_from(found->most);
-  const DistortionModel& model = is_rational ? DistortionModelOf(LensDistortion::Model::kRational) : *found;
+  const LensModel& model = is_rational ? LensModelOf(LensDistortion::Model::kRational) : *found;
   for (const double d : info.D) {
     if (!std::isfinite(d)) throw InvalidInputError(Concat("camera_info D holds ", d, ": must be finite"));
   }
@@ -162,13 +132,6 @@ T ReadAs(const uint8_t* from, bool swap) {
 }
 
 }  // namespace
-
-const DistortionModel& DistortionModelOf(LensDistortion::Model model) {
-  for (const DistortionModel& known : DistortionModels()) {
-    if (known.model == model) return known;
-  }
-  return DistortionModels().front();
-}
 
 ImageSample ToMaskSample(const sensor_msgs::ImageConstPtr& message) {
   namespace encodings = sensor_msgs::image_encodings;
@@ -284,8 +247,8 @@ CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectif
   CheckCamera("camera_info", calibration.camera);
   if (!rectified) {
     calibration.distortion = ToDistortion(info);
-    const DistortionModel* named = FindModel(info.distortion_model);
-    const DistortionModel& taken = DistortionModelOf(calibration.distortion.model);
+    const LensModel* named = FindLensModel(info.distortion_model);
+    const LensModel& taken = LensModelOf(calibration.distortion.model);
     if (named && named->model == LensDistortion::Model::kBrownConrady &&
         taken.model == LensDistortion::Model::kRational) {
       calibration.note =

@@ -50,6 +50,10 @@ std::string DescribeLeftOut(const ColmapFolder& written) {
 
 }  // namespace
 
+std::string LocalFrame(const std::string& world_frame, const Eigen::Vector3d& origin) {
+  return Concat(world_frame, "_map_origin_", std::setprecision(15), origin.x(), "_", origin.y(), "_", origin.z());
+}
+
 MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options,
                      std::function<void(const RejectedInput&)> report)
     : map_(map),
@@ -102,7 +106,8 @@ void MapOutput::EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header*
   if (origin.isZero(0)) return;
   geometry_msgs::TransformStamped transform = tf2::eigenToTransform(Eigen::Isometry3d(Eigen::Translation3d(origin)));
   transform.header = *header;
-  transform.child_frame_id = header->frame_id += kLocalFrameSuffix;
+  header->frame_id = LocalFrame(header->frame_id, origin);
+  transform.child_frame_id = header->frame_id;
   if (!local_frame_) local_frame_ = std::make_unique<tf2_ros::StaticTransformBroadcaster>();
   local_frame_->sendTransform(transform);
 }
@@ -178,70 +183,67 @@ void MapOutput::PublishOccupancyIfDue() {
   if (occupancy_) PublishPaced(occupancy_, &occupancy_pace_, [this] { PublishOccupancy(); });
 }
 
-size_t MapOutput::SaveMesh(const std::filesystem::path& path, const SaveMap::Request& request,
-                           size_t* keyframes) const {
+MapOutput::Written MapOutput::WriteCloud(const std::filesystem::path& path, const SaveMap::Request& request) const {
+  const MapCloud map = map_->WorldCloud();
+  WriteMap(path, map, request.format == SaveMap::Request::PLY ? MapFormat::kPly : MapFormat::kPcd, request.binary);
+  return {map.points.size(), map.keyframes, ""};
+}
+
+MapOutput::Written MapOutput::WriteMesh(const std::filesystem::path& path, const SaveMap::Request& /*request*/) const {
   const MapMesh map = MakeMapMesh(*map_, {0, options_.memory_limit_bytes(), [this] { CheckStopped(); }});
-  WriteMap(path, map, request.format == SaveMap::Request::MESH_PLY ? MeshFormat::kPly : MeshFormat::kObj);
-  *keyframes = map.keyframes;
-  return map.mesh.vertices.size();
+  WriteMap(path, map, MeshFormatOf(path));
+  return {map.mesh.vertices.size(), map.keyframes, ""};
+}
+
+MapOutput::Written MapOutput::WriteOctomap(const std::filesystem::path& path, const SaveMap::Request&) const {
+  CheckMapPath(path);
+  const PlacedKeyframes map = map_->Placed();
+  std::string coarse;
+  const auto occupancy = MakeOccupancy(map, &coarse);
+  occupancy->Write(path);
+  const std::string note = Concat(coarse.empty() ? "" : "; ", coarse);
+  return {occupancy->nodes(), map.keyframes.size(), note + DescribeOrigin(map.origin, "OctoMap")};  // 16-bit keys
+}
+
+MapOutput::Written MapOutput::WriteColmap(const std::filesystem::path& path, const SaveMap::Request&) const {
+  const PlacedKeyframes map = map_->Placed();
+  const ColmapFolder written = WriteColmapFolder(path, map, [this] { CheckStopped(); });
+  return {written.points, written.images, DescribeLeftOut(written) + DescribeOrigin(map.origin, "splats")};
 }
 
 MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) const {
   using Request = SaveMap::Request;
-  constexpr const char* kEndings[] = {".ply", ".pcd", ".ply", ".obj", ".bt", ".colmap"};  // of the formats
-  if (request.format >= std::size(kEndings)) {
-    throw InvalidInputError(
-        Concat("format = ", int{request.format},
-               ": must be 0 (PLY), 1 (PCD), 2 (MESH_PLY), 3 (MESH_OBJ), 4 (OCTOMAP) or 5 (COLMAP)"));
+  constexpr const char* kVertices = "vertices of the mesh";
+  static const struct Format {
+    uint8_t number;
+    const char* name;
+    const char* ending;
+    const char* what;  ///< is counted
+    Written (MapOutput::*write)(const std::filesystem::path&, const Request&) const;
+  } formats[] = {{Request::PLY, "PLY", ".ply", "points", &MapOutput::WriteCloud},
+                 {Request::PCD, "PCD", ".pcd", "points", &MapOutput::WriteCloud},
+                 {Request::MESH_PLY, "MESH_PLY", ".ply", kVertices, &MapOutput::WriteMesh},
+                 {Request::MESH_OBJ, "MESH_OBJ", ".obj", kVertices, &MapOutput::WriteMesh},
+                 {Request::OCTOMAP, "OCTOMAP", ".bt", "nodes of the octree", &MapOutput::WriteOctomap},
+                 {Request::COLMAP, "COLMAP", ".colmap", "points", &MapOutput::WriteColmap}};
+  const auto format = std::find_if(std::begin(formats), std::end(formats),
+                                   [&](const Format& known) { return known.number == request.format; });
+  if (format == std::end(formats)) {
+    std::string known;
+    for (const Format& other : formats) known += Concat(known.empty() ? "" : ", ", int{other.number}, " ", other.name);
+    throw InvalidInputError(Concat("format = ", int{request.format}, ": must be one of ", known));
   }
-  const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kEndings[request.format]);
-  const bool replaces = std::filesystem::exists(path);
-  size_t keyframes = 0, points = 0;
-  const char* what = "points";
-  const char* replaced = replaces ? kReplaced : "";
-  std::string coarse, note;
-  switch (request.format) {
-    case Request::PLY:
-    case Request::PCD: {
-      const MapCloud map = map_->WorldCloud();
-      WriteMap(path, map, request.format == Request::PLY ? MapFormat::kPly : MapFormat::kPcd, request.binary);
-      points = map.points.size();
-      keyframes = map.keyframes;
-      break;
-    }
-    case Request::MESH_PLY:
-    case Request::MESH_OBJ:
-      points = SaveMesh(path, request, &keyframes);
-      what = "vertices of the mesh";
-      break;
-    case Request::COLMAP: {
-      const PlacedKeyframes map = map_->Placed();
-      const ColmapFolder written = WriteColmapFolder(path, map, [this] { CheckStopped(); });
-      points = written.points;
-      keyframes = written.images;
-      if (replaces) replaced = ", in place of the folder of that name";
-      note = DescribeLeftOut(written) + DescribeOrigin(map.origin, "splats");
-      break;
-    }
-    default: {  // OCTOMAP
-      CheckMapPath(path);
-      const PlacedKeyframes map = map_->Placed();
-      const auto occupancy = MakeOccupancy(map, &coarse);
-      occupancy->Write(path);
-      keyframes = map.keyframes.size();
-      points = occupancy->nodes();
-      what = "nodes of the octree";
-      if (!coarse.empty()) note = "; " + coarse;
-      note += DescribeOrigin(map.origin, "OctoMap");  // its keys have 16 bits
-      break;
-    }
-  }
+  const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, format->ending);
+  const char* replaced = std::filesystem::is_directory(path) ? ", in place of the folder of that name"
+                         : std::filesystem::exists(path)     ? kReplaced
+                                                             : "";
+  const Written written = (this->*format->write)(path, request);
   SaveMap::Response response;
   response.success = true;
-  response.message =
-      Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string(), replaced, note);
-  response.points = points;
-  response.keyframes = keyframes;
+  response.message = Concat("saved ", written.points, " ", format->what, " of ", written.keyframes, " keyframes to ",
+                            path.string(), replaced, written.note);
+  response.points = written.points;
+  response.keyframes = written.keyframes;
   return response;
 }
 

@@ -1,6 +1,7 @@
 // Messages and files of the map, as others read them.
 
 #include "acmp_mapping/ros/output_conversion.h"
+#include "acmp_mapping/ros/map_output.h"
 
 #include <cstring>
 #include <filesystem>
@@ -14,6 +15,7 @@
 #include <pcl_conversions/pcl_conversions.h>
 
 #include "acmp_mapping/map/map_writer.h"
+#include "acmp_mapping/ros/map_output.h"
 #include "support/error_text.h"
 
 namespace acmp {
@@ -90,6 +92,14 @@ TEST(CheckCloudSize, RefusesWhatAMessageCannotHold) {
   EXPECT_NO_THROW(CheckCloudSize(kLimit / kPackedPointBytes, kLimit));
   EXPECT_THAT(ErrorOf([] { CheckCloudSize(kLimit / kPackedPointBytes + 1, kLimit); }),
               AllOf(HasSubstr("134217728 points"), HasSubstr("~voxel_size")));
+}
+
+/// /tf_static has no time: with one frame for all origins a cloud would move when its map's origin does, or another
+/// map's.
+TEST(LocalFrame, IsAnotherOneForAnotherOrigin) {
+  const Eigen::Vector3d origin(499712, 5500928, 0.5);
+  EXPECT_EQ(LocalFrame("utm", origin), "utm_map_origin_499712_5500928_0.5");
+  EXPECT_NE(LocalFrame("utm", origin), LocalFrame("utm", origin + Eigen::Vector3d(0.5, 0, 0)));
 }
 
 }  // namespace

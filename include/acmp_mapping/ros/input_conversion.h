@@ -66,16 +66,6 @@ void CheckImageSides(const std::string& name, const sensor_msgs::Image& image);
 
 constexpr bool kBigEndianHost = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
 
-/// A distortion model of CameraInfo.
-struct DistortionModel {
-  LensDistortion::Model model;
-  const char* name;                ///< ROS's, or where it has none, ours
-  size_t least, most;              ///< coefficients
-  std::vector<const char*> names;  ///< that others give it, in small letters and digits alone
-};
-/// That of images without distortion is plumb_bob.
-const DistortionModel& DistortionModelOf(LensDistortion::Model model);
-
 /// What a camera_info says about the image as it is sent.
 struct CameraCalibration {
   PinholeCamera camera;  ///< of the image as sent: binning and region of interest already applied

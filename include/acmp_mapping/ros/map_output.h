@@ -54,6 +54,10 @@ class PublishPace {
   double begun_s_ = 0, next_s_ = 0;
 };
 
+/// The frame of coordinates that begin there: WORLD_FRAME_map_origin_X_Y_Z. Of another origin it is another frame, so
+/// that clouds that somebody holds, and those of other maps, stay where they are.
+std::string LocalFrame(const std::string& world_frame, const Eigen::Vector3d& origin);
+
 /// The topics map_points and occupancy (latched) and the file of save_map. SetHeader and PublishNothing may be
 /// called in any thread, PublishOccupancyIfDue, which may take minutes, belongs to one of its own, the rest to another
 /// one.
@@ -74,7 +78,7 @@ class MapOutput {
   std_msgs::Header Header();
 
   /// Far from the world's origin (kNearVoxels), where float32 does not hold them, the points are in a frame of their
-  /// own with the world's axes, WORLD_FRAME + kLocalFrameSuffix, which tf has then. Returns the number of points.
+  /// own with the world's axes, LocalFrame, which tf has then. Returns the number of points.
   /// Throws InvalidInputError for a map of more than 1 GB: roscpp's subscribers hang up on such messages.
   size_t Publish();
   /// When the map has been emptied: an empty cloud and grid in place of what is latched, and no header. Any thread;
@@ -91,8 +95,6 @@ class MapOutput {
  private:
   using SaveMap = acmp_mapping::SaveMap;
 
-  static constexpr const char* kLocalFrameSuffix = "_map_origin";
-
   /// Unless the origin is zero, makes the header that of local coordinates.
   void EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header);
   void PublishOccupancy();
@@ -102,7 +104,15 @@ class MapOutput {
   void PublishPaced(const ros::Publisher& publisher, PublishPace* pace, const std::function<void()>& publish);
   /// Says how much coarser than it should be it is, if so.
   std::unique_ptr<OccupancyMap> MakeOccupancy(const PlacedKeyframes& map, std::string* coarse) const;
-  size_t SaveMesh(const std::filesystem::path& path, const SaveMap::Request& request, size_t* keyframes) const;
+  /// What Save has written.
+  struct Written {
+    size_t points = 0, keyframes = 0;
+    std::string note;  ///< for the end of the answer
+  };
+  Written WriteCloud(const std::filesystem::path& path, const SaveMap::Request& request) const;
+  Written WriteMesh(const std::filesystem::path& path, const SaveMap::Request& request) const;
+  Written WriteOctomap(const std::filesystem::path& path, const SaveMap::Request& request) const;
+  Written WriteColmap(const std::filesystem::path& path, const SaveMap::Request& request) const;
 
   const MapStore* const map_;
   const MapServerOptions options_;
