@@ -56,7 +56,8 @@ BagPlayer::BagPlayer(const NodeOptions& options, const std::map<std::string, std
     return found == remaps.end() ? names::kDefaultTopics + name : found->second;
   };
   sources_ = MakeInputSources(topics, options, MakeSink());
-  SetExpected(Snapshot().inputs, &intake_);
+  SetExpected(
+      sources_, [this](const InputSource& source) { return IsPublished(source); }, &intake_);
   if (!options.calibration_file.empty()) {
     intake_.AddCameraInfo(ReadCalibrationFile(options.calibration_file, options.rectified));
   }
@@ -185,13 +186,17 @@ void BagPlayer::StartOver() {
   mapper_.Reset();
 }
 
+bool BagPlayer::IsPublished(const InputSource& source) const {
+  const auto found = published_.find(source.fixed.topic);
+  return found != published_.end() && found->second == source.fixed.type;
+}
+
 MapperSnapshot BagPlayer::Snapshot() const {
   MapperSnapshot snapshot;
   snapshot.now_s = now_s_;
   for (const auto& source : sources_) {
     InputStatus status = source->status();
-    const auto found = published_.find(status.topic);
-    status.publishers = found != published_.end() && found->second == status.type ? 1 : 0;
+    status.publishers = IsPublished(*source) ? 1 : 0;
     snapshot.inputs.push_back(status);
   }
   AddAdvice(published_, &snapshot.inputs);

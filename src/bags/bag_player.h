@@ -50,6 +50,7 @@ class BagPlayer {
 
  private:
   InputSink MakeSink();
+  bool IsPublished(const InputSource& source) const;
   DenseMapper::Callbacks MakeCallbacks();
   void Dispatch(IntakeEvent event);
   void TakeKeyframe(const KeyframeInput& input);

@@ -13,7 +13,7 @@
 namespace acmp {
 namespace {
 
-constexpr size_t kPoseCapacity = 2000;             ///< 10 s of a 200 Hz source
+constexpr size_t kPoseCapacity = 20000;            ///< 20 s of a propagator at 1 kHz; 4 MB
 constexpr int64_t kSparseToleranceNs = 500000000;  ///< the nearest cloud within is taken, else the last one
 constexpr size_t kMoreThanImages = 10;             ///< clouds, masks, depth: those of images that are still to come
 
@@ -65,12 +65,13 @@ void InputMatcher::AddImage(ImageSample image) {
         RejectedInput{"duplicate_image", Concat("two images have the stamp ", FormatStamp(stamp_ns)), true});
     return;
   }
-  images_.insert(place, WaitingImage{std::move(image), std::nullopt, -1, {}});
+  images_.insert(place, WaitingImage{std::move(image)});
   if (images_.size() > static_cast<size_t>(options_.image_capacity)) EvictOldestImage();
 }
 
 void InputMatcher::AddPose(PoseSample pose) {
   const int64_t stamp_ns = pose.stamp_ns;
+  new_poses_ns_.push_back(stamp_ns);
   poses_.Add(stamp_ns, std::move(pose), kPoseCapacity);
 }
 
@@ -155,9 +156,21 @@ void InputMatcher::SetPoseProblem(int64_t stamp_ns, const std::string& problem) 
 void InputMatcher::FindPoses(double now_s) {
   for (WaitingImage& image : images_) {
     if (image.pose) continue;
-    image.pose = FindPose(image.sample.stamp_ns);
+    // Where stamps do not fit, each pose is compared with each image once.
+    const auto is_near = [&](int64_t pose_ns) {
+      return std::llabs(pose_ns - image.sample.stamp_ns) <= sync_tolerance_ns_;
+    };
+    const auto& all = poses_.received;
+    if (!image.has_near_pose && image.is_searched) {
+      image.has_near_pose = std::any_of(new_poses_ns_.begin(), new_poses_ns_.end(), is_near);
+    } else if (!image.has_near_pose) {
+      image.has_near_pose = std::any_of(all.begin(), all.end(), [&](const auto& p) { return is_near(p.stamp_ns); });
+    }
+    image.is_searched = true;
+    if (image.has_near_pose) image.pose = FindPose(image.sample.stamp_ns);
     if (image.pose) image.ready_since_s = now_s;
   }
+  new_poses_ns_.clear();
 }
 
 std::optional<PoseSample> InputMatcher::FindPose(int64_t stamp_ns) {

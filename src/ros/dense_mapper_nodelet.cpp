@@ -239,14 +239,14 @@ class DenseMapperNodelet : public NodeletBase {
 
   /// Takes what the intake has ready and hands it on. `all`: without waiting for clouds.
   void Deliver(bool all = false) {
-    const std::vector<InputStatus> inputs = InputStatuses();
     std::lock_guard<std::mutex> delivery_lock(delivery_mutex_);
     std::vector<IntakeEvent> events;
     {
       std::lock_guard<std::mutex> lock(intake_mutex_);
-      SetExpected(inputs, intake_.get());
+      SetExpected(
+          sources_, [](const InputSource& source) { return source.subscriber.getNumPublishers() > 0; }, intake_.get());
       events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds() - blocked_s_);
-      publisher_->set_images(ImagesReceived(inputs) - worker_->not_chosen() - intake_->unposed_images());
+      publisher_->set_images(ImagesReceived(sources_) - worker_->not_chosen() - intake_->unposed_images());
     }
     const double start_s = SteadySeconds();
     for (IntakeEvent& event : events) Dispatch(std::move(event), all);
@@ -307,10 +307,10 @@ class DenseMapperNodelet : public NodeletBase {
   void WaitForArriving() {
     const double end_s = SteadySeconds() + kLongOnTheWayS;
     for (int looks = 0; looks < kOnTheWayLooks && SteadySeconds() < end_s;) {
-      const uint64_t received = ImagesReceived(InputStatuses());
+      const uint64_t received = ImagesReceived(sources_);
       ros::WallDuration(kOnTheWayS).sleep();
       if (!input_thread_.Drain()) throw ProcessingError("the mapper is shutting down");
-      looks = ImagesReceived(InputStatuses()) == received ? looks + 1 : 0;
+      looks = ImagesReceived(sources_) == received ? looks + 1 : 0;
     }
   }
 

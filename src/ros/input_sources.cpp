@@ -343,10 +343,12 @@ void Subscribe(const ros::NodeHandle& nh, const InputSources* sources) {
   }
 }
 
-void SetExpected(const std::vector<InputStatus>& inputs, KeyframeIntake* intake) {
+void SetExpected(const InputSources& sources, const std::function<bool(const InputSource&)>& is_published,
+                 KeyframeIntake* intake) {
   bool clouds = false;  // of two topics
-  for (const InputStatus& input : inputs) {
-    const bool is_there = input.publishers > 0 || input.received > 0;
+  for (const auto& source : sources) {
+    const InputStatus& input = source->fixed;
+    const bool is_there = source->received > 0 || is_published(*source);
     if (input.kind == Kind::kCloud) clouds = clouds || is_there;
     if (input.kind == Kind::kMask) intake->set_companion_expected(kMaskStream, is_there);
     if (input.kind == Kind::kPriorDepth) intake->set_companion_expected(kPriorDepthStream, is_there);
@@ -377,6 +379,12 @@ void AddAdvice(const std::map<std::string, std::string>& published, std::vector<
   for (InputStatus& input : *inputs) {
     if (input.received == 0) input.advice = AdviceOn(input, unused);
   }
+}
+
+uint64_t ImagesReceived(const InputSources& sources) {
+  uint64_t received = 0;
+  for (const auto& source : sources) received += BringsImages(source->fixed.kind) ? source->received.load() : 0;
+  return received;
 }
 
 uint64_t ImagesReceived(const std::vector<InputStatus>& inputs) {

@@ -445,5 +445,18 @@ TEST(ALoopingBag, APoseThatIsSentAgainIsNoNewRun) {
   EXPECT_THAT(m.Take().stamps, ElementsAre(11 * kS)) << "all poses but one are of the run before";
 }
 
+/// Poses of a propagator at 1 kHz come before images that take three seconds to arrive.
+TEST(InputMatcher, LateImagesFindTheirPosesAmongThoseOfAFastSource) {
+  constexpr int64_t kMs = 1000000;
+  Matching matching;
+  matching.Image(0);
+  EXPECT_TRUE(matching.Take().stamps.empty());
+  for (int i = 0; i <= 3000; ++i) matching.Pose(i * kMs + 10000, i);
+  matching.Image(100 * kMs);
+  const Taken taken = matching.Take();
+  EXPECT_EQ(taken.stamps, (std::vector<int64_t>{0, 100 * kMs}));
+  EXPECT_EQ(taken.poses, (std::vector<double>{0, 100}));
+}
+
 }  // namespace
 }  // namespace acmp

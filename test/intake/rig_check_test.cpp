@@ -29,9 +29,14 @@ class RigCheckTest : public ::testing::Test {
     return MakeSyntheticScene(options);
   }
 
-  static std::string Said(const std::vector<SyntheticView>& views,
-                          const std::function<RigidTransform(const RigidTransform&)>& change, bool landmarks = true) {
+  using Change = std::function<RigidTransform(const RigidTransform&)>;
+
+  static std::string Said(const std::vector<SyntheticView>& views, const Change& change, bool landmarks = true) {
     RigCheck check;
+    return Judge(views, change, landmarks, &check);
+  }
+  static std::string Judge(const std::vector<SyntheticView>& views, const Change& change, bool landmarks,
+                           RigCheck* check) {
     for (const SyntheticView& view : views) {
       Frame left, right;
       left.camera = view.frame.camera;
@@ -41,9 +46,9 @@ class RigCheckTest : public ::testing::Test {
       right.camera = view.right->camera;
       right.gray = view.right->gray.Clone();
       right.cam_from_world = change(view.right->cam_from_world * left.cam_from_world.inverse()) * left.cam_from_world;
-      check.Add(left, right);
+      check->Add(left, right);
     }
-    return check.Judge(true);
+    return check->Judge(true);
   }
 
   static RigidTransform Scaled(RigidTransform transform, double factor) {
@@ -94,6 +99,18 @@ TEST_F(RigCheckTest, AnotherUnitIsNamedWithItsFactor) {
   }
   const auto millimetres = [](const RigidTransform& truth) { return Scaled(truth, 1000); };
   EXPECT_THAT(Said(moving_, millimetres), AllOf(HasSubstr("millimetres"), Not(HasSubstr("monocular"))));
+}
+
+/// A monocular frontend that begins anew has another scale.
+TEST_F(RigCheckTest, AnotherWorldIsJudgedByItsOwnImages) {
+  RigCheck check;
+  EXPECT_NE(Judge(
+                moving_, [](const RigidTransform& truth) { return Scaled(truth, 4); }, true, &check),
+            "");
+  check.Clear();
+  EXPECT_EQ(Judge(
+                moving_, [](const RigidTransform& truth) { return truth; }, true, &check),
+            "");
 }
 
 TEST_F(RigCheckTest, ACameraOnAJointIsJudgedWhereItWas) {

@@ -189,9 +189,11 @@ class InputMatcher {
  private:
   struct WaitingImage {
     ImageSample sample;
-    std::optional<PoseSample> pose;
-    double ready_since_s = -1;  ///< when the pose was found; < 0: not yet
-    std::string pose_problem;   ///< what SetPoseProblem told
+    std::optional<PoseSample> pose = {};
+    double ready_since_s = -1;      ///< when the pose was found; < 0: not yet
+    std::string pose_problem = {};  ///< what SetPoseProblem told
+    bool is_searched = false;       ///< for poses, of which one is within the tolerance:
+    bool has_near_pose = false;
   };
   /// A CompanionStream.
   struct Companions {
@@ -229,6 +231,7 @@ class InputMatcher {
 
   std::deque<WaitingImage> images_;  ///< ascending stamps
   StreamBuffer<PoseSample> poses_;
+  std::vector<int64_t> new_poses_ns_;  ///< stamps of those that no image has been searched for
   StreamBuffer<SparseCloudPtr> clouds_;
   std::vector<Companions> companions_;  ///< by CompanionStream
   std::vector<MatchEvent> events_;

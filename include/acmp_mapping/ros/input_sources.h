@@ -94,7 +94,9 @@ InputSources MakeInputSources(const InputTopics& topics, const NodeOptions& opti
 void Subscribe(const ros::NodeHandle& nh, const InputSources* sources);
 
 /// Images wait for what somebody publishes, or has: messages of a player that has ended may still be queued.
-void SetExpected(const std::vector<InputStatus>& inputs, KeyframeIntake* intake);
+/// @param is_published or may be
+void SetExpected(const InputSources& sources, const std::function<bool(const InputSource&)>& is_published,
+                 KeyframeIntake* intake);
 
 /// A way to send poses: the value of ~pose_source, which is the topic's name, too, and the type of message.
 struct PoseSourceRow {
@@ -107,5 +109,6 @@ const std::vector<PoseSourceRow>& PoseSourceRows();
 
 /// Images that have come on all streams, those in whole keyframes too.
 uint64_t ImagesReceived(const std::vector<InputStatus>& inputs);
+uint64_t ImagesReceived(const InputSources& sources);
 
 }  // namespace acmp
