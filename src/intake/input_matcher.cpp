@@ -1,12 +1,10 @@
 #include "acmp_mapping/intake/input_matcher.h"
 
 #include <algorithm>
-#include <cinttypes>
 #include <cmath>
 #include <cstdlib>
 #include <utility>
 
-#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/geometry/interpolate.h"
 
@@ -32,11 +30,6 @@ auto Nearest(Received& received, int64_t stamp_ns, bool unused = false) -> declt
 }
 
 }  // namespace
-
-std::string FormatStamp(int64_t stamp_ns) {
-  constexpr int64_t kNsPerS = 1000000000;
-  return StringPrintf("%" PRId64 ".%09" PRId64, stamp_ns / kNsPerS, stamp_ns % kNsPerS);
-}
 
 InputMatcher::InputMatcher(const InputMatcherOptions& options)
     : options_(options), sync_tolerance_ns_(ToNs(options.sync_tolerance_s)) {

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "acmp_mapping/common/stamp.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
 
 namespace acmp {
@@ -39,9 +40,6 @@ struct SparseCloud {
   size_t zero = 0;                      ///< left out: exactly (0, 0, 0), which frontends send for "no point"
 };
 using SparseCloudPtr = std::shared_ptr<const SparseCloud>;
-
-/// "1403636579.763555500", exact.
-std::string FormatStamp(int64_t stamp_ns);
 
 /// Something that a user should know: what was received and not used, or not as a whole. `reason` is a short fixed key
 /// for counting, `message` a sentence with the values for people.
