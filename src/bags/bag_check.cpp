@@ -425,9 +425,11 @@ BagReport CheckOpened(const Bags& bags, const BagCheckOptions& asked) {
   ReportSnapshot(snapshot, !player->verdict().text.empty(), &findings);
   findings.insert(findings.end(), player->told().begin(), player->told().end());
   ReportReading(player->intake().pose_semantics(), player->verdict(), &findings);
+  const std::string passed_over =
+      snapshot.not_chosen > 0 ? Concat(" and passes over ", snapshot.not_chosen, " (~keyframe_mode: gate)") : "";
   findings.Add(player->mapped() > 0 ? Severity::kOk : Severity::kError, "the mapper takes ", snapshot.matched, " of ",
-               ImagesReceived(snapshot.inputs), " images", DescribeDrops(snapshot), "; of the first ", player->tried(),
-               " keyframes ", player->mapped(), " get maps (tried at ", asked.trial_size, " px)");
+               ImagesReceived(snapshot.inputs), " images", passed_over, DescribeDrops(snapshot), "; of the first ",
+               player->tried(), " keyframes ", player->mapped(), " get maps (tried at ", asked.trial_size, " px)");
   report.findings = std::move(findings);
   if (report.usable()) report.launch = wiring.line;
   return report;

@@ -450,6 +450,28 @@ TEST_F(CheckBagTest, Masks) {
   EXPECT_THAT(Warnings(late), Contains(HasSubstr("no_mask, 6 times")));
 }
 
+/// Which has a pose for each of its images, most of them a centimetre apart.
+TEST_F(CheckBagTest, AVideoIsTriedAndStartedWithTheGate) {
+  {
+    rosbag::Bag bag(Path(), rosbag::bagmode::Write);
+    for (int i = 0; i < 40; ++i) {
+      Keyframe keyframe = MakeKeyframe(0);
+      const ros::Time stamp(1000 + i / 20, 50000000 * (i % 20));
+      keyframe.image.header.stamp = keyframe.info.header.stamp = stamp;
+      keyframe.pose.header.stamp = keyframe.cloud.header.stamp = stamp;
+      keyframe.pose.pose.position.x += 0.01 * i;
+      bag.write("/image", stamp, keyframe.image);
+      bag.write("/info", stamp, keyframe.info);
+      bag.write("/pose", stamp, keyframe.pose);
+      bag.write("/points", stamp, keyframe.cloud);
+    }
+  }
+  const BagReport report = CheckBags({Path()}, {});
+  EXPECT_TRUE(report.usable()) << testing::PrintToString(Errors(report));
+  EXPECT_THAT(report.launch, testing::EndsWith("keyframe_mode:=gate"));
+  EXPECT_THAT(Messages(report, Severity::kOk), Contains(HasSubstr("passes over")));
+}
+
 TEST_F(CheckBagTest, OneRecordingMayBeSeveralBags) {
   const std::vector<std::filesystem::path> parts = {folder() / "a.bag", folder() / "b.bag"};
   for (size_t part = 0; part < 2; ++part) {
