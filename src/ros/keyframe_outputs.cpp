@@ -21,10 +21,10 @@ Image<unsigned char> MakeKeepMask(const KeyframeDepth& maps, double min_confiden
   return keep;
 }
 
-/// Points that are not masked.
-PointCloud KeptPoints(const KeyframeDepth& maps) {
+/// None without a mask.
+std::optional<PointCloud> FindNotMasked(const KeyframeDepth& maps) {
   const ImageView<const unsigned char> mask = maps.frame->mask;
-  if (mask.empty()) return maps.points_in_camera;
+  if (mask.empty()) return std::nullopt;
   const PinholeCamera& camera = maps.frame->camera;
   PointCloud kept;
   kept.reserve(maps.points_in_camera.size());
@@ -39,7 +39,7 @@ PointCloud KeptPoints(const KeyframeDepth& maps) {
 }  // namespace
 
 KeyframeOutput MakeKeyframeOutput(const KeyframeDepthPtr& maps, double min_depth_confidence) {
-  return {maps, MakeKeepMask(*maps, min_depth_confidence), KeptPoints(*maps)};
+  return {maps, MakeKeepMask(*maps, min_depth_confidence), FindNotMasked(*maps)};
 }
 
 std::string DescribePixels(const KeyframeOutput& output) {
@@ -61,12 +61,12 @@ std::string DescribePixels(const KeyframeOutput& output) {
       }
     }
   }
-  const size_t others = output.points_in_camera.size() + masked + without_depth + guessed;
+  const size_t others = output.points_in_camera().size() + masked + without_depth + guessed;
   const size_t not_confident = maps.depth.size() > others ? maps.depth.size() - others : 0;
   const auto share = [&](size_t pixels) {
     return Concat(std::lround(100 * static_cast<double>(pixels) / static_cast<double>(maps.depth.size())), " % ");
   };
-  return Concat("image ", FormatStamp(output.origin().stamp_ns), ": ", share(output.points_in_camera.size()),
+  return Concat("image ", FormatStamp(output.origin().stamp_ns), ": ", share(output.points_in_camera().size()),
                 "points, ", share(not_confident), "below min_confidence, ", share(guessed),
                 "filled in where no view confirms it, ", share(without_depth), "without depth, ", share(masked),
                 "masked; ", share(at_range_end), "at an end of the depth range, ", maps.range.min, " to ",
@@ -91,7 +91,7 @@ void OutputStatus::CountRefined(const KeyframeDepth& maps, bool counts) {
 
 void OutputStatus::CountPoints(const KeyframeOutput& output) {
   pixels = DescribePixels(output);
-  const bool has_points = !output.points_in_camera.empty();
+  const bool has_points = !output.points_in_camera().empty();
   run_without_points = has_points ? 0 : run_without_points + 1;
   no_points_reason = "";
   if (has_points) return;

@@ -80,7 +80,7 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, c
     head.pose.refined = RefinedAndReceived{*maps.refined_camera, origin.world_from_cam};
   }
   head.world_frame = origin.world_frame;
-  acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, output.points_in_camera);
+  acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, output.points_in_camera());
   message->replaces = replaces;
   if (!replaces && output.frame().jpeg) FillImage(*output.frame().jpeg, message.get());
   return message;

@@ -100,14 +100,14 @@ sensor_msgs::ImagePtr ConfidenceImageOf(const KeyframeOutput& output) {
 /// Receivers of the topic put the points where the frontend's pose says that the camera was. So that they come to lie
 /// where the pose does with which they were matched, they are given in the camera's frame of the received pose. Those
 /// of a face are given in the camera's frame, too.
-PointCloud PointsAtReceivedPose(const KeyframeOutput& output) {
+sensor_msgs::PointCloud2Ptr ToPointsAtReceivedPose(const KeyframeOutput& output, const std_msgs::Header& header) {
   const KeyframeDepth& maps = *output.maps;
-  PointCloud points = output.points_in_camera;
-  if (!maps.refined_camera && output.origin().face.empty()) return points;
+  if (!maps.refined_camera && output.origin().face.empty()) return ToCloudMessage(output.points_in_camera(), header);
   RigidTransform received_from_matched = RigidTransform::Identity();
   if (maps.refined_camera) received_from_matched = maps.frame->cam_from_world * maps.cam_from_world.inverse();
   const Eigen::Isometry3f received_from_refined =
       (RigidTransform(output.origin().lens_from_face) * received_from_matched).cast<float>();
+  PointCloud points = output.points_in_camera();
   for (SurfacePoint& point : points) {
     const Eigen::Vector3f position =
         received_from_refined * Eigen::Vector3f(point.position.x, point.position.y, point.position.z);
@@ -116,7 +116,7 @@ PointCloud PointsAtReceivedPose(const KeyframeOutput& output) {
     point.position = {position.x(), position.y(), position.z()};
     point.normal = {normal.x(), normal.y(), normal.z()};
   }
-  return points;
+  return ToCloudMessage(points, header);
 }
 
 }  // namespace
@@ -269,7 +269,7 @@ void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
   for (const auto& publish : TopicsOf(output.origin()).publish_refined) publish(output);
   if (points_.getNumSubscribers() > 0) {
     const std_msgs::Header header = MakeHeader(output.origin().stamp_ns, output.origin().camera_frame);
-    points_.publish(ToCloudMessage(PointsAtReceivedPose(output), header));
+    points_.publish(ToPointsAtReceivedPose(output, header));
   }
   PublishKeyframeDepth(output);
   PublishKeyframePoints(output, false);

@@ -32,12 +32,13 @@ TEST(KeyframeOutputTest, LeavesOutDepthOfLittleConfidenceAndWhatIsMasked) {
   EXPECT_EQ(Refined(5, 0.5, {}).keep(2, 1), 1);
   const KeyframeOutput output = Refined(5, 0.51, {});
   EXPECT_EQ(output.keep(2, 1), 0);
-  EXPECT_EQ(output.points_in_camera.size(), 5u);
+  EXPECT_EQ(output.points_in_camera().size(), 5u);
+  EXPECT_EQ(&output.points_in_camera(), &output.maps->points_in_camera) << "without a mask they are not copied";
   EXPECT_EQ(output.origin().camera_frame, "camera");
   EXPECT_EQ(output.frame().run, 7u);
   const KeyframeOutput masked = Refined(5, 0, Mask(4, 3, 0));
   EXPECT_EQ(masked.keep(2, 1), 0);
-  EXPECT_EQ(masked.points_in_camera.size(), 0u);
+  EXPECT_EQ(masked.points_in_camera().size(), 0u);
 }
 
 TEST(KeyframeOutputTest, EveryPixelIsAPointOrLacksSomething) {

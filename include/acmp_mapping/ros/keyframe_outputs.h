@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,10 +23,12 @@ struct ReceivedFrame : Frame {
 
 /// A keyframe's maps ready to be published.
 struct KeyframeOutput {
-  KeyframeDepthPtr maps;        ///< of a ReceivedFrame
-  Image<unsigned char> keep;    ///< 1 where depth is to be published
-  PointCloud points_in_camera;  ///< of maps->cam_from_world
+  KeyframeDepthPtr maps;                 ///< of a ReceivedFrame
+  Image<unsigned char> keep;             ///< 1 where depth is to be published
+  std::optional<PointCloud> not_masked;  ///< points that a mask leaves; without a mask none
 
+  /// In the camera of maps->cam_from_world.
+  const PointCloud& points_in_camera() const { return not_masked ? *not_masked : maps->points_in_camera; }
   const ReceivedFrame& frame() const { return static_cast<const ReceivedFrame&>(*maps->frame); }
   const KeyframeOrigin& origin() const { return frame().origin; }
 };
