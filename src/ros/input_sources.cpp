@@ -88,7 +88,7 @@ std::string HowToTake(Kind kind, const std::string& type, const std::string& top
 
 /// What takes a topic that could be meant by a silent input; empty: it could not.
 std::string HowToTakeInstead(const InputStatus& input, const std::string& type, const std::string& topic) {
-  const std::string how = HowToTake(input.kind, type, topic);
+  std::string how = HowToTake(input.kind, type, topic);
   if (!how.empty() || type != input.type) return how;
   const struct {
     Kind kind;
