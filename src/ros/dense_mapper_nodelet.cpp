@@ -69,9 +69,9 @@ void Expect(const std::string& failure) {
 /// which publishes, and for poses; one for flush and one for the other services; one for diagnostics and
 /// dynamic_reconfigure; one that asks the ROS master.
 ///
-/// Locks: delivery_mutex_ keeps "take from the intake, hand to the worker" in order and may be held while the worker's
-/// queue blocks; config_mutex_ is held while parameters change; intake_mutex_ guards the intake for a moment and comes
-/// after either. All other locks are inside their classes, and none of those is held while another one is taken.
+/// Locks: delivery_mutex_ keeps "take from the intake, hand to the worker" in order; config_mutex_ is held while
+/// parameters change; intake_mutex_ guards the intake for a moment and comes after either. All other locks are inside
+/// their classes, and none of those is held while another one is taken. What waits for the mapper waits in its queue.
 class DenseMapperNodelet : public NodeletBase {
  public:
   ~DenseMapperNodelet() override {
@@ -245,12 +245,10 @@ class DenseMapperNodelet : public NodeletBase {
       std::lock_guard<std::mutex> lock(intake_mutex_);
       SetExpected(
           sources_, [](const InputSource& source) { return source.subscriber.getNumPublishers() > 0; }, intake_.get());
-      events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds() - blocked_s_);
-      publisher_->set_images(ImagesReceived(sources_) - worker_->not_chosen() - intake_->unposed_images());
+      events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds());
+      publisher_->set_images(ImagesReceived(sources_) - intake_->unposed_images());
     }
-    const double start_s = SteadySeconds();
     for (IntakeEvent& event : events) Dispatch(std::move(event), all);
-    blocked_s_ += SteadySeconds() - start_s;
   }
 
   void Dispatch(IntakeEvent event, bool must_wait) {
@@ -366,7 +364,7 @@ class DenseMapperNodelet : public NodeletBase {
     snapshot.matched = matched_;
     snapshot.sync_tolerance_s = options_.matcher.sync_tolerance_s;
     snapshot.queued = worker_->queued();
-    snapshot.not_chosen = worker_->not_chosen();
+    snapshot.not_chosen = publisher_->passed_over();
     snapshot.worker = worker_->status();
     snapshot.maps = publisher_->maps();
     snapshot.points_sent = publisher_->points_sent();
@@ -413,9 +411,6 @@ class DenseMapperNodelet : public NodeletBase {
   std::atomic<bool> reading_wanted_{false};
 
   std::mutex delivery_mutex_;
-  /// Spent in MapperWorker::Push: while it blocks no cloud can come in, so the clock of the wait for clouds stands
-  /// still.
-  double blocked_s_ = 0;
   mutable std::mutex intake_mutex_;
   std::unique_ptr<TfLookup> tf_;
   std::unique_ptr<KeyframeIntake> intake_;

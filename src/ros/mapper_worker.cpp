@@ -94,28 +94,25 @@ void MapperWorker::Stop() {
 }
 
 bool MapperWorker::IsKeyframe(const KeyframeInput& input) {
-  if (node_options_.keyframe_mode != KeyframeMode::kGate) return true;
-  // Else which images are keyframes would depend on the timing.
-  if (!(input.scene_depth > 0) && !IsLive(node_options_)) RunCommand(false, [] {});
   const KeyframeGateOptions options = options_->Get().gate;
   const std::lock_guard<std::mutex> lock(status_mutex_);
-  gate_.set_options(options);
-  const double depth = input.scene_depth > 0 ? input.scene_depth : scene_depth_;
-  return gate_.Accept(input.world_from_cam, input.calibration->camera, depth);
+  if (node_options_.keyframe_mode == KeyframeMode::kGate) {
+    gate_.set_options(options);
+    const double depth = input.scene_depth > 0 ? input.scene_depth : scene_depth_;
+    if (!gate_.Accept(input.world_from_cam, input.calibration->camera, depth)) {
+      outputs_->PassOver();
+      return false;
+    }
+  }
+  if (!newest_stamps_ns_.empty() && input.stamp_ns <= newest_stamps_ns_.back()) newest_stamps_ns_.clear();
+  newest_stamps_ns_.push_back(input.stamp_ns);
+  if (newest_stamps_ns_.size() > kPaceKeyframes) newest_stamps_ns_.pop_front();
+  pace_.Add(SteadySeconds());
+  return true;
 }
 
 void MapperWorker::Push(KeyframeInput input, bool must_wait) {
-  if (!IsKeyframe(input)) {
-    ++not_chosen_;
-    return;
-  }
-  {
-    const std::lock_guard<std::mutex> lock(status_mutex_);
-    if (!newest_stamps_ns_.empty() && input.stamp_ns <= newest_stamps_ns_.back()) newest_stamps_ns_.clear();
-    newest_stamps_ns_.push_back(input.stamp_ns);
-    if (newest_stamps_ns_.size() > kPaceKeyframes) newest_stamps_ns_.pop_front();
-    pace_.Add(SteadySeconds());
-  }
+  if (IsLive(node_options_) && !IsKeyframe(input)) return;
   const size_t bytes = BytesOf(input);
   const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input), bytes, must_wait);
   if (!dropped) return;
@@ -143,13 +140,14 @@ void MapperWorker::ResetGate() {
 
 void MapperWorker::BeginRun() {
   if (mapper_) mapper_->Reset();
+  if (!IsLive(node_options_)) ResetGate();
   preparation_.ForgetRigs();  // another world may have another unit
   run_ = NewRun();
   UpdateStatus([this](WorkerStatus*) { scene_depth_ = 0; });
 }
 
 void MapperWorker::StartOver() {
-  ResetGate();
+  if (IsLive(node_options_)) ResetGate();
   queue_.PushCommand([this] {
     if (mapper_) FlushMapper();
     BeginRun();
@@ -157,7 +155,7 @@ void MapperWorker::StartOver() {
 }
 
 std::string MapperWorker::Reset() {
-  ResetGate();
+  if (IsLive(node_options_)) ResetGate();
   for (const KeyframeInput& input : queue_.ClearInputs()) {
     outputs_->Report({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)"), true});
   }
@@ -227,6 +225,7 @@ void MapperWorker::Run() {
       if (item->command) return CallGuarded(*item->command, report);
       constexpr double kForget = 0.95;  // or one thing that took long would be the last
       catch_up_s_ *= kForget;
+      if (!IsLive(node_options_) && !IsKeyframe(*item->input)) return;
       ProcessOrDrop(*item->input, item->overtaken ? &MapperWorker::ProcessOvertaken : &MapperWorker::Process);
     });
   }

@@ -285,8 +285,8 @@ OptionList OptionsOf(NodeOptions* o) {
               "brings");
   list.Choice("overload", &o->overload, {"drop", "skip_if_busy", "block"},
               "When keyframes come faster than they are mapped: groups of neighbours are mapped, or only what comes "
-              "while the mapper is idle, and others are matched against the rest; or the input waits, so that nothing "
-              "of a recording is lost");
+              "while the mapper is idle, and others are matched against the rest; or, for recordings, all images wait "
+              "their turn, as long as they fit in a quarter of the memory: what comes beyond is dropped and told");
   list.Number(
       "keep_images", &o->keep_images, 0, 100000, "px",
       "Undistorted images of keyframes go to the map with their points, for COLMAP models (save_map): JPEG files "

@@ -279,7 +279,7 @@ void OutputPublisher::PublishKeyframePoints(const KeyframeOutput& output, bool r
   const bool is_first_map_to_come = points_sent_ == 0;
   if (maps() == 0 && (!is_first_map_to_come || waiting_.size() >= kWaiting)) return;
   waiting_.push_back(ToKeyframePoints(output, mapper_, replaces));
-  const uint64_t images = images_, finished = status().refined + incidents_->images();
+  const uint64_t images = images_, finished = status().refined + incidents_->images() + passed_over_;
   waiting_.back()->images_under_way = images > finished ? images - finished : 0;  // the numbers are not of one moment
   if (maps() == 0) return;
   for (acmp_mapping::KeyframePointsPtr& message : std::exchange(waiting_, {})) {

@@ -11,11 +11,14 @@
 #include <sensor_msgs/point_cloud_conversion.h>
 #include <tf2_eigen/tf2_eigen.h>
 #include <boost/make_shared.hpp>
+#include <chrono>
+#include <future>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/input_conversion.h"
+#include "acmp_mapping/ros/mapper_worker.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "ros/mapper_control.h"
 
@@ -117,6 +120,32 @@ TEST_F(InputsTest, ImagesWaitForTheExtrinsicAndAreMappedWhenItComes) {
   extrinsic.publish(identity);
   ExpectTheSameDepth(&mapper);
   EXPECT_TRUE(mapper.WaitForLog({"T_body_cam is taken from topic extrinsic"})) << "the choice is logged";
+}
+
+// The gate asks for the depth of the keyframes before, which are not mapped yet: the image waits, not who brings it.
+TEST(MapperWorkerTest, WithBlockNobodyWaitsToQueueAnImageForTheGate) {
+  NodeOptions options;
+  options.device = Device::kCpu;
+  options.overload = OverloadPolicy::kBlock;
+  options.keyframe_mode = KeyframeMode::kGate;
+  const SharedOptions shared{RuntimeOptions{}};
+  const IncidentLog incidents;
+  OutputPublisher outputs(ros::NodeHandle("/held"), "held", &incidents, [](const RejectedInput&) {});
+  std::promise<void> go_on;
+  MapperWorker::Hooks hooks;
+  hooks.on_device = [&](const WorkerStatus&) { go_on.get_future().wait(); };
+  MapperWorker worker(options, &shared, {}, &outputs, hooks);
+  std::future<void> pushed = std::async(std::launch::async, [&] {
+    for (const int64_t stamp_ns : {1, 2, 3}) {
+      KeyframeInput input;
+      input.stamp_ns = stamp_ns;
+      worker.Push(std::move(input));
+    }
+  });
+  EXPECT_EQ(pushed.wait_for(std::chrono::seconds(30)), std::future_status::ready);
+  EXPECT_EQ(worker.queued(), 3u);
+  worker.Stop();
+  go_on.set_value();
 }
 
 // A camera that hardly moves from each view to the next image: until matches have told the depth all are keyframes.

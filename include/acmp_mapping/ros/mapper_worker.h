@@ -79,9 +79,8 @@ class MapperWorker {
   MapperWorker(const MapperWorker&) = delete;
   MapperWorker& operator=(const MapperWorker&) = delete;
 
-  /// Queues a posed image, with ~keyframe_mode: gate where the KeyframeGate takes it. With overload: block all that fit
-  /// into a quarter of the memory; where only the mapper knows the scene's depth, it waits until that has seen the
-  /// keyframes before. Called by one thread at a time.
+  /// Queues a posed image: where it may be dropped one that ~keyframe_mode takes, with overload: block any that fits
+  /// into a quarter of the memory. Called by one thread at a time; does not wait.
   /// @param must_wait whatever overload says: nothing is lost that fits into memory
   void Push(KeyframeInput input, bool must_wait = false);
 
@@ -103,10 +102,11 @@ class MapperWorker {
   /// @param at_end of RigCheck
   void JudgeRigs(bool at_end);
   size_t queued() const { return queue_.waiting_inputs(); }
-  uint64_t not_chosen() const { return not_chosen_; }  ///< posed images that the gate passed over
 
  private:
   using Command = std::function<void()>;
+  /// Whether ~keyframe_mode takes it. Asked before it is queued; with overload: block after all before it have been
+  /// mapped, as the gate asks for the depth of these, and which images it takes must not depend on the timing.
   bool IsKeyframe(const KeyframeInput& input);
   void ResetGate();
   /// The mapper forgets what it has.
@@ -151,7 +151,6 @@ class MapperWorker {
   InputPace pace_;                        ///< of the same
   KeyframeGate gate_;
   double scene_depth_ = 0;  ///< that the mapper knows; 0: none
-  std::atomic<uint64_t> not_chosen_{0};
 
   // Used by the worker thread alone.
   std::unique_ptr<DepthEngine> engine_;

@@ -38,9 +38,12 @@ class OutputPublisher {
 
   /// Depth below is left out, 0..1.
   void set_min_depth_confidence(double confidence) { min_depth_confidence_ = confidence; }
-  /// Images that have come with their poses so far and were not passed over. With each message goes how many of them
-  /// had no end yet. One that waits for its pose may never get it, and no flush finishes it.
+  /// Images that have come with their poses so far. With each message goes how many of them had no end yet. One that
+  /// waits for its pose may never get it, and no flush finishes it.
   void set_images(uint64_t images) { images_ = images; }
+  /// The gate has passed over a posed image: that is its end.
+  void PassOver() { ++passed_over_; }
+  uint64_t passed_over() const { return passed_over_; }
 
   /// Tells of it, unless stopped.
   void Report(const RejectedInput& rejected) const;
@@ -103,7 +106,7 @@ class OutputPublisher {
   const std::function<void(const RejectedInput&)> report_;
   std::atomic<bool> stopping_{false};
   std::atomic<double> min_depth_confidence_{0};
-  std::atomic<uint64_t> images_{0};
+  std::atomic<uint64_t> images_{0}, passed_over_{0};
   ReadingCheck reading_check_;
   mutable std::mutex status_mutex_;  ///< held for a moment only
   OutputStatus status_;
