@@ -57,7 +57,9 @@ AtomicFile::AtomicFile(const std::filesystem::path& path, Durability durability)
     if (descriptor < 0) Fail("cannot create");
     file_.reset(fdopen(descriptor, "wb"));
     if (!file_) {
+      const int reason = errno;
       close(descriptor);
+      errno = reason;
       Fail("cannot create");
     }
   }
@@ -124,7 +126,8 @@ void AtomicFile::Commit() {
   if (!has_size || ftruncate(fileno(file_.get()), written.st_size) != 0) Fail("cannot write");
   if (durability_ == Durability::kPowerCut && fsync(fileno(file_.get())) != 0) Fail("cannot write");
   // Some file systems report errors only when a file is closed: close a second descriptor, as the first has the lock.
-  if (close(dup(fileno(file_.get()))) != 0) Fail("cannot write");
+  const int second = dup(fileno(file_.get()));
+  if (second < 0 || close(second) != 0) Fail("cannot write");
   std::error_code error;
   std::filesystem::rename(temporary_path_, path_, error);
   if (error) throw ProcessingError(Concat("cannot write ", path_.string(), ": ", error.message()));

@@ -37,7 +37,7 @@ int RunStandalone(int argc, char** argv, const char* default_name, const char* n
     const std::string_view argument = argv[i];
     if (argument == "--version") {
       std::cout << default_name << "_node " << ACMP_VERSION << std::endl;
-      return 0;
+      return std::cout ? 0 : 1;
     }
     if (argument != "--help" && argument != "-h") continue;
     std::cout
@@ -46,7 +46,7 @@ int RunStandalone(int argc, char** argv, const char* default_name, const char* n
            "It needs a ROS master and all parameters of its configuration, as launch/dense_mapper.launch loads them\n"
            "with standalone:=true. Topics and services: README.md; parameters: docs/parameters.md."
         << std::endl;
-    return 0;
+    return std::cout ? 0 : 1;
   }
   ros::init(argc, argv, default_name, ros::init_options::NoSigintHandler);
   // roscpp handles SIGINT only; roslaunch and systemd end programs with SIGTERM.

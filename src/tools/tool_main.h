@@ -8,6 +8,7 @@
 #include <iostream>
 #include <new>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include <CLI/CLI.hpp>
@@ -34,6 +35,13 @@ inline void KeepStandardStreams() {
 inline int Printed() {
   if (std::cout.flush() && std::fflush(stdout) == 0) return kExitDone;
   throw ProcessingError("cannot write to the standard output: what was printed is lost");
+}
+
+/// What the system's words for a thread that cannot be started leave out; empty for other errors.
+inline std::string ThreadLimitReason(const std::exception& error) {
+  const auto* of_system = dynamic_cast<const std::system_error*>(&error);
+  if (!of_system || of_system->code() != std::errc::resource_unavailable_try_again) return "";
+  return ": no further thread can be started; memory or the number of processes is limited (ulimit -v, -u)";
 }
 
 /// Parses the command line and runs `body()`, which returns an exit code; errors become one line on stderr and the code
@@ -67,7 +75,7 @@ int RunTool(CLI::App& app, int argc, char** argv, const Body& body) {
     std::cerr << app.get_name() << ": there is not enough memory\n";
     return kExitFailed;
   } catch (const std::exception& error) {
-    std::cerr << app.get_name() << ": " << error.what() << '\n';
+    std::cerr << app.get_name() << ": " << error.what() << ThreadLimitReason(error) << '\n';
     return kExitFailed;
   }
 }

@@ -1,5 +1,7 @@
 #include "acmp_mapping/dataset/output_file.h"
+#include <sys/resource.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <thread>
 #include <vector>
@@ -160,6 +162,19 @@ TEST_F(OutputFileTest, WhatTheSystemDoesNotTakeIsReported) {
     file->Commit();
   });
   EXPECT_EQ(CountFiles(folder()), 0u);
+}
+
+TEST_F(OutputFileTest, TooManyOpenFilesAreReported) {
+  rlimit limit = {};
+  ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &limit), 0);
+  AtomicFile file(folder() / "a");
+  const int next = dup(0);
+  close(next);
+  const rlimit none_left = {static_cast<rlim_t>(next), limit.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &none_left), 0);
+  const std::string message = MessageOf<ProcessingError>([&] { file.Commit(); });
+  setrlimit(RLIMIT_NOFILE, &limit);
+  EXPECT_THAT(message, HasAll((folder() / "a").string(), "Too many open files"));
 }
 
 TEST_F(OutputFileTest, ManyWritersAtOnceLeaveWholeFiles) {
