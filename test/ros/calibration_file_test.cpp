@@ -74,6 +74,9 @@ TEST_F(CalibrationFileTest, OtherFilesAreRefused) {
   const std::string pipe = (folder() / "pipe.yaml").string();
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
   EXPECT_THAT(refusal(pipe), HasSubstr("must be a file"));
+  const std::filesystem::path large = WriteText("large.yaml", "");
+  std::filesystem::resize_file(large, uintmax_t{1} << 40);
+  EXPECT_THAT(refusal(large.string()), HasSubstr("1099511627776 bytes"));
   EXPECT_THAT(refusal(WriteText("camera.txt", "fx 1\n").string()), HasSubstr(kConverter));
   EXPECT_THAT(refusal(WriteText("camera.ini", "# oST\n[image]\nwidth\n3\n").string()), HasSubstr("no whole INI"));
 }
