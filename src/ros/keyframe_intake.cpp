@@ -214,6 +214,7 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   if (input.camera_frame.empty()) input.camera_frame = kNamelessCamera;
   input.world_frame = options_.world_frame.empty() ? match.pose.world_frame : options_.world_frame;
   if (input.world_frame.empty()) input.world_frame = kNamelessWorld;
+  if (!options_.world_frame.empty()) TellReplacedFrame(match.pose.world_frame, events);
   input.world_from_cam = resolver_.WorldFromCamera(match.pose.received);
   for (size_t camera = 0; camera < sources_.size(); ++camera) {
     const auto& image = match.companions[kSourceStream + camera];
@@ -228,6 +229,15 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   if (options_.world_frame.empty()) input.path_frame = input.world_frame;  // else it replaces the frames of all inputs
 
   CheckWorld(std::move(input), match.cloud && match.cloud->points.empty(), events);
+}
+
+void KeyframeIntake::TellReplacedFrame(const std::string& frame, std::vector<IntakeEvent>* events) {
+  if (frame.empty() || frame == options_.world_frame || frame == replaced_frame_) return;
+  replaced_frame_ = frame;
+  events->emplace_back(
+      Notice{false, Concat("poses are in \"", frame, "\", and everything is published in \"", options_.world_frame,
+                           "\" (~world_frame) without any transform between them: right where both are the same frame, "
+                           "else leave ~world_frame empty")});
 }
 
 void KeyframeIntake::CheckWorld(KeyframeInput input, bool has_empty_cloud, std::vector<IntakeEvent>* events) {

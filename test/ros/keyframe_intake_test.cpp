@@ -124,7 +124,12 @@ TEST(KeyframeIntake, NamesFramesThatHaveNone) {
   EXPECT_EQ(Feed(&info, 5, 0, nullptr, "", "map").keyframes.at(0).camera_frame, "cam");
   options.world_frame = "earth";
   KeyframeIntake overridden = MakeIntake(options);
-  EXPECT_EQ(Feed(&overridden, 5, 0, nullptr).keyframes.at(0).world_frame, "earth");
+  const Result first = Feed(&overridden, 5, 0, nullptr);
+  EXPECT_EQ(first.keyframes.at(0).world_frame, "earth");
+  EXPECT_THAT(first.notices, ElementsAre(AllOf(HasSubstr("\"map\""), HasSubstr("\"earth\"")))) << "told";
+  EXPECT_THAT(Feed(&overridden, 6, 0, nullptr).notices, IsEmpty()) << "once";
+  KeyframeIntake same = MakeIntake(options);
+  EXPECT_THAT(Feed(&same, 5, 0, nullptr, "cam", "earth").notices, IsEmpty());
 }
 
 /// A lens that is focused: poses come later than the next image's camera_info.

@@ -113,6 +113,8 @@ class KeyframeIntake {
   void LookUpPoses();
   std::vector<IntakeEvent> Convert(std::vector<MatchEvent> events);
   void Convert(const MatchedInput& match, std::vector<IntakeEvent>* events);
+  /// Says once that ~world_frame replaces the frame of the poses.
+  void TellReplacedFrame(const std::string& frame, std::vector<IntakeEvent>* events);
   /// Asks the WorldTracker whether the image can be used.
   void CheckWorld(KeyframeInput input, bool has_empty_cloud, std::vector<IntakeEvent>* events);
   void RejectStarting(const std::string& reason, const std::string& message, std::vector<IntakeEvent>* events);
@@ -139,9 +141,10 @@ class KeyframeIntake {
   double scene_depth_ =
       0;  ///< of the last posed image: median of the landmarks that were last in front of the camera; 0 = none yet
   CalibrationHistory calibrations_;
-  std::string image_frame_;  ///< of the last image
-  std::string child_frame_;  ///< of the last pose
-  bool matched_ = false;     ///< an image has got its pose since the start
+  std::string image_frame_;     ///< of the last image
+  std::string child_frame_;     ///< of the last pose
+  std::string replaced_frame_;  ///< of poses: the last that ~world_frame was told to replace
+  bool matched_ = false;        ///< an image has got its pose since the start
 };
 
 }  // namespace acmp
