@@ -57,6 +57,12 @@ std::string NameOfTemporary(std::string name) {
                                  "choose another name"));
 }
 
+void CheckAsWritten(const fs::path& folder, const std::string& name) {
+  std::error_code error;
+  const bool exists = fs::exists(fs::symlink_status(folder / name, error));
+  if (!LiesInFolders(folder, name) || (exists && !IsAsWritten(folder / name))) RefuseForeign(folder, name);
+}
+
 }  // namespace
 
 std::string ReadOwnFile(const fs::path& path) {
@@ -83,8 +89,8 @@ std::string ReadOwnFile(const fs::path& path) {
   return content;
 }
 
-FolderRecord::FolderRecord(const fs::path& folder) : folder_(folder) {
-  std::istringstream lines(ReadOwnFile(folder / kName));
+FolderRecord::FolderRecord(const fs::path& folder, const std::string& name) : folder_(folder), name_(name) {
+  std::istringstream lines(ReadOwnFile(folder / name_));
   std::string line;
   while (std::getline(lines, line)) {
     if (line.empty() || line[0] == '#') continue;
@@ -97,7 +103,7 @@ FolderRecord::FolderRecord(const fs::path& folder) : folder_(folder) {
     if ((!is_number && bytes != kUnfinished) || name.empty() || path.is_absolute() || *path.begin() == ".." ||
         path.lexically_normal() != path) {
       throw InvalidInputError(
-          Concat((folder_ / kName).string(), ", which lists the files, is damaged: \"", line, "\""));
+          Concat((folder_ / name_).string(), ", which lists the files, is damaged: \"", line, "\""));
     }
     files_[name] = is_number ? std::optional<uintmax_t>(std::stoull(bytes)) : std::nullopt;
   }
@@ -107,34 +113,29 @@ void FolderRecord::Write() const {
   std::string text = kRecordTitle;
   for (const auto& [name, bytes] : files_)
     text += Concat(bytes ? std::to_string(*bytes) : kUnfinished, " ", name, "\n");
-  WriteFileAtomically(folder_ / kName, text, Durability::kPowerCut);
+  WriteFileAtomically(folder_ / name_, text, Durability::kPowerCut);
 }
 
 void FolderRecord::CheckUnchanged() const {
-  for (const auto& [name, bytes] : files_) {
-    std::error_code error;
-    const bool exists = fs::exists(fs::symlink_status(folder_ / name, error));
-    if (!LiesInFolders(folder_, name) || (exists && !IsAsWritten(folder_ / name))) RefuseForeign(folder_, name);
-  }
+  for (const auto& [name, bytes] : files_) CheckAsWritten(folder_, name);
 }
 
 void FolderRecord::Claim(const std::set<std::string>& names) {
   bool is_new = false;
   for (const std::string& name : names) {
+    CheckAsWritten(folder_, name);
     if (files_.count(name) > 0) continue;
     std::error_code error;
     if (fs::exists(fs::symlink_status(folder_ / name, error))) {
       files_.merge(
-          FolderRecord(folder_).files_);  // another process of the same run may have listed and written it since
+          FolderRecord(folder_, name_).files_);  // another process of the same run may have listed and written it since
       if (files_.count(name) == 0) RefuseForeign(folder_, name);
       continue;
     }
     files_.emplace(name, std::nullopt);
     is_new = true;
   }
-  if (!is_new) return;
-  CheckUnchanged();
-  Write();
+  if (is_new) Write();
 }
 
 void FolderRecord::NoteBytes() {
@@ -151,7 +152,7 @@ std::string FolderRecord::Foreign() const {
   for (auto entry = fs::recursive_directory_iterator(folder_); entry != fs::recursive_directory_iterator(); ++entry) {
     if (fs::is_directory(entry->symlink_status())) continue;
     const std::string name = entry->path().lexically_relative(folder_).string();
-    if (name == kName || NameOfTemporary(name) == kName) continue;
+    if (name == name_ || NameOfTemporary(name) == name_) continue;
     if (files_.count(NameOfTemporary(name)) == 0 || !IsAsWritten(entry->path())) return name;
   }
   return "";

@@ -10,6 +10,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/median.h"
+#include "acmp_mapping/dataset/folder_record.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/fusion/voxel_map.h"
@@ -124,6 +125,10 @@ fs::path MapPathBelow(const fs::path& folder, const fs::path& path, const std::s
   if (path.extension() != ending) RefusePath(path, Concat("must end in ", ending));
   if (!fs::is_directory(whole.parent_path(), error)) RefusePath(path, NoFolder(whole.parent_path()));
   return whole;
+}
+
+void ClaimMapFile(const fs::path& path) {
+  FolderRecord(path.parent_path(), kSavedFiles).Claim({path.filename().string()});
 }
 
 void CheckMapPath(const fs::path& path) {

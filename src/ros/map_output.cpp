@@ -185,12 +185,14 @@ void MapOutput::PublishOccupancyIfDue() {
 
 MapOutput::Written MapOutput::WriteCloud(const std::filesystem::path& path, const SaveMap::Request& request) const {
   const MapCloud map = map_->WorldCloud();
+  if (!map.points.empty()) ClaimMapFile(path);
   WriteMap(path, map, request.format == SaveMap::Request::PLY ? MapFormat::kPly : MapFormat::kPcd, request.binary);
   return {map.points.size(), map.keyframes, ""};
 }
 
 MapOutput::Written MapOutput::WriteMesh(const std::filesystem::path& path, const SaveMap::Request& /*request*/) const {
   const MapMesh map = MakeMapMesh(*map_, {0, options_.memory_limit_bytes(), [this] { CheckStopped(); }});
+  ClaimMapFile(path);
   WriteMap(path, map, MeshFormatOf(path));
   return {map.mesh.vertices.size(), map.keyframes, ""};
 }
@@ -200,6 +202,7 @@ MapOutput::Written MapOutput::WriteOctomap(const std::filesystem::path& path, co
   const PlacedKeyframes map = map_->Placed();
   std::string coarse;
   const auto occupancy = MakeOccupancy(map, &coarse);
+  ClaimMapFile(path);
   occupancy->Write(path);
   const std::string note = Concat(coarse.empty() ? "" : "; ", coarse);
   return {occupancy->nodes(), map.keyframes.size(), note + DescribeOrigin(map.origin, "OctoMap")};  // 16-bit keys

@@ -168,6 +168,7 @@ class MapServerNodelet : public NodeletBase {
     const std::filesystem::path file = MapPathBelow(options_.save_folder, path, kSessionEnding);
     const bool replaces = std::filesystem::exists(file);
     const Session session = {map_->Session(), map_output_->Header().frame_id};
+    if (!session.map.keyframes.empty()) ClaimMapFile(file);
     WriteSession(file, session, [this] { map_output_->CheckStopped(); });
     size_t images = 0;
     for (const SessionKeyframe& keyframe : session.map.keyframes) {

@@ -88,6 +88,18 @@ TEST_F(MapWriterTest, RefusesAnEmptyMapAndBadPaths) {
                  "there is no folder \"" + (folder() / "missing").string() + "\"");
 }
 
+TEST_F(MapWriterTest, OnlyFilesThatWereSavedHereAreReplaced) {
+  WriteText("scan.ply", "of somebody else");
+  EXPECT_REFUSED(ClaimMapFile(folder() / "scan.ply"), "scan.ply");
+  ClaimMapFile(folder() / "map.ply");
+  WriteMap(folder() / "map.ply", {MakeMap(3)}, MapFormat::kPly, true);
+  ClaimMapFile(folder() / "map.ply");
+  fs::remove(folder() / "map.ply");
+  fs::create_symlink("scan.ply", folder() / "map.ply");
+  ClaimMapFile(folder() / "other.ply");
+  EXPECT_REFUSED(ClaimMapFile(folder() / "map.ply"), "map.ply");
+}
+
 TEST_F(MapWriterTest, TildeIsNotTakenForAName) {
   const fs::path before = fs::current_path();
   fs::current_path(folder());

@@ -131,6 +131,20 @@ TEST_F(SessionsTest, AKeyframeWhoseImageCannotBeKeptIsInTheMapWithoutIt) {
               AllOf(HasSubstr("1 keyframes and no image of them"), HasSubstr("~keep_images")));
 }
 
+TEST_F(SessionsTest, FilesOfOthersAreNotReplaced) {
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  for (const auto& [name, format] : {std::pair{"scan.ply", SaveMap::Request::PLY},
+                                     {"scan.obj", SaveMap::Request::MESH_OBJ},
+                                     {"scan.bt", SaveMap::Request::OCTOMAP},
+                                     {"scan.bag", SaveMap::Request::PLY}}) {
+    std::ofstream(PathOf(name)) << "precious";
+    const bool is_session = fs::path(name).extension() == ".bag";
+    EXPECT_THAT(is_session ? Save(name).message : mapper().SaveMap(PathOf(name), format, true).message,
+                AllOf(HasSubstr(name), HasSubstr("was not written by this program")));
+    EXPECT_EQ(BytesOf(PathOf(name)), "precious");
+  }
+}
+
 TEST_F(SessionsTest, ASecondOneIsAddedByATransform) {
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   EXPECT_THAT(Save("session.ply").message, HasSubstr("must end in .bag"));

@@ -16,7 +16,8 @@ class FolderRecord {
   static constexpr char kName[] = "files.txt";
 
   /// Of a folder; empty where it has none. Throws InvalidInputError for one that is damaged or no regular file.
-  explicit FolderRecord(const std::filesystem::path& folder);
+  /// @param name of the record: another one in a folder that is not filled as a whole
+  explicit FolderRecord(const std::filesystem::path& folder, const std::string& name = kName);
 
   const std::map<std::string, std::optional<uintmax_t>>& files() const { return files_; }  ///< "depth/000001.pfm"
 
@@ -38,6 +39,7 @@ class FolderRecord {
   void Write() const;
 
   std::filesystem::path folder_;
+  std::string name_;
   std::map<std::string, std::optional<uintmax_t>> files_;
 };
 

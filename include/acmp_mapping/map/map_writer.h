@@ -37,6 +37,11 @@ MapMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options);
 std::filesystem::path MapPathBelow(const std::filesystem::path& folder, const std::filesystem::path& path,
                                    const std::string& ending);
 
+/// Before a file of that path is written: throws InvalidInputError where there is one that a map server has not
+/// written, by the list kSavedFiles in its folder, to which the name is added. Throws as FolderRecord::Claim.
+void ClaimMapFile(const std::filesystem::path& path);
+constexpr char kSavedFiles[] = "saved.txt";
+
 /// For messages about a file that was there before.
 constexpr char kReplaced[] = ", in place of the file of that name";
 
