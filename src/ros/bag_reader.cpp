@@ -206,6 +206,7 @@ class RecordReader {
 /// Whether the path is a recording of ROS 2, or its folder: by its first bytes, or by the list of its files.
 bool IsOfRos2(const std::filesystem::path& path) {
   if (std::filesystem::is_directory(path)) return std::filesystem::is_regular_file(path / "metadata.yaml");
+  if (!std::filesystem::is_regular_file(path)) return false;  // a pipe would be waited for
   constexpr std::string_view kSqlite("SQLite format 3\0", 16), kMcap("\x89MCAP0\r\n", 8);
   std::string begin(kSqlite.size(), '\0');
   std::ifstream(path, std::ios::binary).read(begin.data(), static_cast<std::streamsize>(begin.size()));
@@ -222,7 +223,10 @@ void ReadBag(const std::filesystem::path& path, const char* when_cut_off,
     throw InvalidInputError(Concat(path, ": is a recording of ROS 2. Make a bag of it with: rosbags-convert --src ",
                                    folder, " --dst NAME.bag --dst-typestore ros1_noetic (pip install rosbags)"));
   }
-  if (!std::filesystem::is_regular_file(path)) throw InvalidInputError(Concat(path, ": no such file"));
+  if (!std::filesystem::exists(path)) throw InvalidInputError(Concat(path, ": no such file"));
+  if (!std::filesystem::is_regular_file(path)) {
+    throw InvalidInputError(Concat(path, ": is a folder, device, pipe or socket: give the name of a file"));
+  }
   if (!std::ifstream(path)) throw InvalidInputError(Concat(path, ": cannot be opened: ", std::strerror(errno)));
   bool opened = false;
   try {

@@ -1,5 +1,6 @@
 // acmp_make_bag: turns a dataset folder, or the built-in synthetic room, into a recorded bag.
 
+#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <numeric>
@@ -82,6 +83,11 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
 
 acmp::RecordingSummary MakeSyntheticBag(const MakeBagArguments& arguments) {
   if (arguments.paths.size() != 1) throw acmp::InvalidInputError("--synthetic takes no SCENE: give only OUT.bag");
+  if (const std::filesystem::path truth = arguments.ground_truth;
+      std::filesystem::exists(truth) && !(std::filesystem::is_directory(truth) && std::filesystem::is_empty(truth))) {
+    throw acmp::InvalidInputError(
+        acmp::Concat("--ground-truth ", truth.string(), ": exists and is not an empty folder"));
+  }
   acmp::SyntheticSceneOptions options = arguments.scene;
   if (!arguments.scene_name.empty()) acmp::SelectSyntheticScene(arguments.scene_name, &options);
   const std::vector<acmp::SyntheticView> views = acmp::MakeSyntheticScene(options);

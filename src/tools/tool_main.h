@@ -5,6 +5,7 @@
 
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <iostream>
 #include <new>
 #include <string>
@@ -74,6 +75,11 @@ int RunTool(CLI::App& app, int argc, char** argv, const Body& body) {
   } catch (const std::bad_alloc&) {
     std::cerr << app.get_name() << ": there is not enough memory\n";
     return kExitFailed;
+  } catch (const std::filesystem::filesystem_error& error) {
+    std::cerr << app.get_name() << ": " << error.path1().string() << ": " << error.code().message() << '\n';
+    const bool is_bad_name =
+        error.code() == std::errc::filename_too_long || error.code() == std::errc::too_many_symbolic_link_levels;
+    return is_bad_name ? kExitBadInput : kExitFailed;
   } catch (const std::exception& error) {
     std::cerr << app.get_name() << ": " << error.what() << ThreadLimitReason(error) << '\n';
     return kExitFailed;

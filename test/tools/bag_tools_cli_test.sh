@@ -13,6 +13,7 @@ expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" a.bag
 expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" b.bag --ground-truth truth
 cmp a.bag b.bag || fail "two runs differ"
 [ -s truth/depth/000003.png ] || fail "no ground truth"
+expect 2 "not an empty folder" "$bin/acmp_make_bag" "${small[@]}" other.bag --ground-truth truth
 expect 0 "usable: 0 errors" "$bin/acmp_check_bag" a.bag
 expect 0 "pose_source:=tf world_frame:=world" "$bin/acmp_check_bag" a.bag --pose /tf
 
@@ -43,6 +44,10 @@ expect 1 "cannot write to the standard output" eval '"$bin/acmp_check_bag" a.bag
 expect 1 "cannot write to the standard output" eval '"$bin/acmp_check_bag" --help 2>&1 >/dev/full'
 expect 2 "truncated" "$bin/acmp_check_bag" cut.bag
 expect 2 "no such file" "$bin/acmp_check_bag" missing.bag
+mkfifo pipe.bag
+expect 2 "pipe or socket" timeout 60 "$bin/acmp_check_bag" pipe.bag
+ln -s loop.bag loop.bag
+expect 2 "symbolic links" "$bin/acmp_check_bag" loop.bag
 printf 'SQLite format 3\0more' > ros2.db3
 printf '\x89MCAP0\r\nmore' > ros2.mcap
 mkdir ros2_folder
