@@ -76,6 +76,11 @@ std::string ReadOwnFile(const fs::path& path) {
     if (descriptor >= 0) close(descriptor);
     throw InvalidInputError(Concat(path.string(), ": ", reason));
   }
+  constexpr off_t kMaxBytes = off_t{1} << 28;  // the names of ten million files
+  if (status.st_size > kMaxBytes) {
+    close(descriptor);
+    throw InvalidInputError(Concat(path.string(), ": has ", status.st_size, " bytes: at most ", kMaxBytes));
+  }
   std::string content(static_cast<size_t>(status.st_size), '\0');
   size_t done = 0;
   while (done < content.size()) {

@@ -133,6 +133,11 @@ TEST_F(OutputFileTest, ARecordSaysWhoseFilesAre) {
   EXPECT_REFUSED(FolderRecord{folder()}, "must be a file");
 }
 
+TEST_F(OutputFileTest, AnEndlessRecordIsRefused) {
+  std::filesystem::resize_file(WriteText(FolderRecord::kName, ""), uintmax_t{1} << 40);
+  EXPECT_REFUSED(FolderRecord{folder()}, FolderRecord::kName, "1099511627776 bytes");
+}
+
 TEST_F(OutputFileTest, ProcessesOfOneRunMayClaimTheSameAtOnce) {
   FolderRecord one(folder()), other(folder());
   one.Claim({"a", "b"});
