@@ -216,7 +216,7 @@ def parameters(options):
 
 
 def foreign_folders(_):
-    """What others have put into the folders of a run and of a COLMAP model stays, and is named."""
+    """What others have put into the folders of a run, of a COLMAP model and of maps stays, and is named."""
     with tempfile.TemporaryDirectory() as folder:
         scene, out = f"{folder}/scene", Path(folder, "out")
         subprocess.run(["acmp_make_scene", scene, "--width", "80", "--height", "60", "--keyframes", "6"], check=True,
@@ -231,6 +231,11 @@ def foreign_folders(_):
         subprocess.run([*command, "--overwrite"], check=True)
         with Session(folder, mapper_parameters={"keep_images": 64}) as session:
             session.map_bag(make_bag(f"{folder}/room.bag"))
+            for name, service in (("scan.ply", "save_map"), ("other.bag", "save_session")):
+                theirs.append(Path(folder, name))
+                theirs[-1].write_text("precious")
+                answer = call(f"/map_server/{service}", f"{{path: {folder}/{name}}}")
+                expect("success: False" in answer and name in answer, answer)
             for model in ("model.colmap", "other.colmap"):
                 photo = Path(folder, model, "images", "photo.raw")
                 photo.parent.mkdir(parents=True)
