@@ -46,12 +46,16 @@ KEYS = {"file": (REQUIRED, str), "source": (None, str), "licence": (None, str), 
         "threshold": (None, float, -math.inf, math.inf), "ignore": (None, list, None, int, 0, 65535), "grow": (0, int, 0, 100)}
 DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 BILINEAR, NEAREST = PIL.Image.BILINEAR, PIL.Image.NEAREST
-# Of image encodings, without their number of bits.
+# Encodings of raw images, without their number of bits: numbers of a pixel.
 CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4, "yuv422": 2, "yuv422_yuy2": 2, "bayer_rggb": 1,
             "bayer_bggr": 1, "bayer_gbrg": 1, "bayer_grbg": 1}
-ALIASES = {"8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8", "uyvy": "yuv4228", "yuv422": "yuv4228",
-           "yuyv": "yuv422_yuy28", "yuv422_yuy2": "yuv422_yuy28"}
-
+ALIASES = {"8uc1": "mono8", "8uc3": "bgr8", "8uc4": "bgra8", "uyvy": "yuv4228", "yuv422": "yuv4228",
+           "yuyv": "yuv422_yuy28", "yuv422_yuy2": "yuv422_yuy28", "iyuv": "i420", "yuv420": "i420", "yuv420p": "i420"}
+# YUV 4:2:0, below the grey image: planes of chroma, and which part of it is u and v.
+YUV420 = {"nv12": (1, "uv"), "nv21": (1, "vu"), "i420": (2, "uv"), "yv12": (2, "vu")}
+# Cameras give 16 to 235 in luma and 16 to 240 in chroma; a JPEG's YCbCr uses all of 0 to 255.
+LUMA = np.clip(np.round((np.arange(256) - 16) * 255 / 219), 0, 255).astype(np.uint8)
+CHROMA = np.clip(np.round((np.arange(256) - 128) * 255 / 224 + 128), 0, 255).astype(np.uint8)
 
 WAITING_BYTES = 1 << 30  # of images that wait with overload: block
 UNTOLD_PIXELS = 1 << 24  # of a picture whose size no camera_info has told
@@ -306,30 +310,47 @@ class Network:
         return to_mask(self.description, output, (rgb.shape[1], rgb.shape[0]))
 
 
-def to_rgb(image):
-    """RGB, uint8, of a sensor_msgs/Image."""
-    encoding = ALIASES.get(image.encoding, image.encoding)
-    wide = encoding.endswith("16")
-    base = encoding[:-2] if wide else encoding[:-1]
-    if base not in CHANNELS or not (wide or encoding.endswith("8")):
-        raise Refused(f"image encoding {image.encoding}: must be mono, rgb, bgr, rgba, bgra or bayer of 8 or 16 bits, yuv422 "
-                      "or yuv422_yuy2")
-    row_bytes = image.width * CHANNELS[base] * (2 if wide else 1)
-    if min(image.width, image.height) < 2 or image.step < row_bytes or len(image.data) < image.step * image.height:
-        raise Refused(f"image of {image.width} x {image.height} px, encoding {image.encoding}, step {image.step}, with "
-                      f"{len(image.data)} bytes: needs 2 x 2 px, a step of {row_bytes} and "
-                      f"{max(image.step, row_bytes) * image.height} bytes")
-    rows = np.frombuffer(image.data, np.uint8, image.step * image.height).reshape(image.height, image.step)
-    pixels = rows[:, :row_bytes].reshape(image.height, image.width, -1)
-    if wide:  # the upper byte of each
-        pixels = pixels[:, :, (0 if image.is_bigendian else 1)::2]
-    if base.startswith("bayer_"):
-        return rgb_of_mosaic(pixels[:, :, 0], base[len("bayer_"):])
-    if base.startswith("yuv422"):
-        return rgb_of_yuv(pixels, 0 if base.endswith("yuy2") else 1)
-    if base == "mono":
-        return np.repeat(pixels, 3, 2)
-    return np.ascontiguousarray(pixels[:, :, 2::-1] if base.startswith("bgr") else pixels[:, :, :3])
+class ImageReader:
+    """RGB, uint8, of each sensor_msgs/Image of a topic, in the encodings that the mapper takes."""
+
+    def __init__(self):
+        self.used_bits = 8  # of 16, of the brightest pixel so far: cameras of 10 or 12 bits leave the upper ones 0
+
+    def read(self, image):
+        name = image.encoding.lower()
+        encoding = ALIASES.get(name, name)
+        if encoding in YUV420:
+            return rgb_of_yuv420(image, *YUV420[encoding])
+        wide = encoding.endswith("16")
+        base = encoding[:-2] if wide else encoding[:-1]
+        if base not in CHANNELS or not (wide or encoding.endswith("8")):
+            raise Refused(f"image encoding {image.encoding}: must be mono, rgb, bgr, rgba, bgra or bayer of 8 or 16 bits, "
+                          f"yuv422 (uyvy), yuv422_yuy2 (yuyv), {', '.join(YUV420)}, 8UC1, 8UC3 or 8UC4")
+        row_bytes = image.width * CHANNELS[base] * (2 if wide else 1)
+        if min(image.width, image.height) < 2 or image.step < row_bytes or len(image.data) < image.step * image.height:
+            raise Refused(f"{described(image)}: needs 2 x 2 px, a step of {row_bytes} and "
+                          f"{max(image.step, row_bytes) * image.height} bytes")
+        rows = np.frombuffer(image.data, np.uint8, image.step * image.height).reshape(image.height, image.step)
+        pixels = rows[:, :row_bytes].reshape(image.height, image.width, -1)
+        if wide:
+            pixels = self.eight_bits(np.ascontiguousarray(pixels).view(">u2" if image.is_bigendian else "<u2"))
+        if base.startswith("bayer_"):
+            return rgb_of_mosaic(pixels[:, :, 0], base[len("bayer_"):])
+        if base.startswith("yuv422"):
+            return rgb_of_yuv422(pixels, 0 if base.endswith("yuy2") else 1)
+        if base == "mono":
+            return np.repeat(pixels, 3, 2)
+        return np.ascontiguousarray(pixels[:, :, 2::-1] if base.startswith("bgr") else pixels[:, :, :3])
+
+    def eight_bits(self, numbers):
+        """The upper 8 of the bits that are used, as the mapper takes them."""
+        self.used_bits = max(self.used_bits, int(numbers.max()).bit_length())
+        return (numbers >> (self.used_bits - 8)).astype(np.uint8)
+
+
+def described(image):
+    return (f"image of {image.width} x {image.height} px, encoding {image.encoding}, step {image.step}, with "
+            f"{len(image.data)} bytes")
 
 
 def rgb_of_mosaic(mosaic, pattern):
@@ -342,14 +363,34 @@ def rgb_of_mosaic(mosaic, pattern):
     return np.pad(rgb.repeat(2, 0).repeat(2, 1), ((0, height % 2), (0, width % 2), (0, 0)), "edge")
 
 
-def rgb_of_yuv(pixels, luma):
+def rgb_of_yuv422(pixels, luma):
     """Of height x width x 2 bytes: luma in one of them, u and v by turns in the other."""
     if pixels.shape[1] % 2:
         raise Refused(f"yuv422 image with a width of {pixels.shape[1]} px: must be even")
     chroma = pixels[:, :, 1 - luma]
-    planes = pixels[:, :, luma], chroma[:, 0::2].repeat(2, 1), chroma[:, 1::2].repeat(2, 1)
-    picture = PIL.Image.merge("YCbCr", [PIL.Image.fromarray(np.ascontiguousarray(plane)) for plane in planes])
-    return np.asarray(picture.convert("RGB"))
+    return rgb_of_planes(pixels[:, :, luma], chroma[:, 0::2].repeat(2, 1), chroma[:, 1::2].repeat(2, 1))
+
+
+def rgb_of_yuv420(image, planes, order):
+    """Of a grey image and, below it, u and v of each 2 x 2 pixels: by turns in one plane, or in two. The message's height
+    is that of the image, or of all rows."""
+    step, rows = image.step, 2 * len(image.data) // (3 * max(image.step, 1))
+    if rows not in (image.height, 2 * image.height // 3) or 2 * len(image.data) != 3 * rows * step or rows % 2 \
+            or image.width % 2 or step % 2 or not 2 <= image.width <= step or rows < 2:
+        raise Refused(f"{described(image)}: needs an even width, height and step, and {3 * image.height * step // 2} bytes")
+    data = np.frombuffer(image.data, np.uint8)
+    luma, chroma = data[:rows * step].reshape(rows, step)[:, :image.width], data[rows * step:]
+    if planes == 1:
+        chroma = chroma.reshape(rows // 2, step)[:, :image.width].reshape(rows // 2, -1, 2).transpose(2, 0, 1)
+    else:
+        chroma = chroma.reshape(2, rows // 2, step // 2)[:, :, :image.width // 2]
+    parts = dict(zip(order, chroma.repeat(2, 1).repeat(2, 2)))
+    return rgb_of_planes(luma, parts["u"], parts["v"])
+
+
+def rgb_of_planes(luma, u, v):
+    planes = [PIL.Image.fromarray(np.ascontiguousarray(plane)) for plane in (LUMA[luma], CHROMA[u], CHROMA[v])]
+    return np.asarray(PIL.Image.merge("YCbCr", planes).convert("RGB"))
 
 
 def picture_decoder():
@@ -413,7 +454,7 @@ class Node:
     newest, or with overload: block all, and then the newest that fit in WAITING_BYTES."""
 
     def __init__(self, network, ros):
-        self.network, self.ros = network, ros
+        self.network, self.ros, self.reader = network, ros, ImageReader()
         mapper = ros.rospy.get_param("dense_mapper", {})
         self.condition = threading.Condition()
         self.waiting, self.waiting_bytes = collections.deque(), 0
@@ -463,7 +504,7 @@ class Node:
                 self.waiting_bytes -= len(message.data)
             start = time.monotonic()
             try:
-                rgb = self.decode(message) if hasattr(message, "format") else to_rgb(message)
+                rgb = self.decode(message) if hasattr(message, "format") else self.reader.read(message)
                 self.publish(message.header, self.network.run(rgb))
             except (Exception, SystemExit) as error:  # an image, or what the network makes of it: the next may be better
                 self.counts["refused"] += 1

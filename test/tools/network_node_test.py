@@ -213,32 +213,62 @@ class Images(TestCase):
                                      ("rgb16", wide.astype(">u2").view(np.uint8), True)):
             for gap in (0, 5):
                 with self.subTest(encoding, gap=gap, big=big):
-                    np.testing.assert_array_equal(node.to_rgb(message(encoding, array, big, gap)), image)
+                    np.testing.assert_array_equal(node.ImageReader().read(message(encoding, array, big, gap)), image)
         grey = image[:, :, :1]
         for encoding in ("mono8", "8UC1"):
-            np.testing.assert_array_equal(node.to_rgb(message(encoding, grey)), grey.repeat(3, 2))
+            np.testing.assert_array_equal(node.ImageReader().read(message(encoding, grey)), grey.repeat(3, 2))
 
     def test_mosaics(self):
         for pattern in ("rggb", "bggr", "gbrg", "grbg"):
-            rgb = node.to_rgb(message("bayer_%s8" % pattern, mosaic(test_image(), pattern)))
+            rgb = node.ImageReader().read(message("bayer_%s8" % pattern, mosaic(test_image(), pattern)))
             self.assertEqual(rgb.shape, (HEIGHT, WIDTH, 3))
             # A pixel's colour is taken at most one column and row away, where it differs by 4; mean of two greens.
             self.assertLessEqual(np.abs(rgb.astype(int) - test_image()).max(), 4, pattern)
 
+    def test_grey_images_of_12_of_16_bits_are_not_dark(self):
+        grey, reader = test_image()[:, :, :1], node.ImageReader()
+        wide = grey.astype("<u2") << 4
+        wide[0, 0] = 0xFFF
+        rgb = reader.read(message("mono16", wide.view(np.uint8)))
+        np.testing.assert_array_equal(rgb[1:], grey[1:].repeat(3, 2))
+        dark = reader.read(message("mono16", (wide >> 4).view(np.uint8)))  # an image that is darker stays it
+        np.testing.assert_array_equal(dark[1:], grey[1:].repeat(3, 2) >> 4)
+
     def test_yuv(self):
-        image = np.repeat(test_image()[:, ::2], 2, 1)  # two columns share their chroma
-        y, u, v = np.moveaxis(np.asarray(PIL.Image.fromarray(image).convert("YCbCr")), 2, 0)
+        image = test_image()[::2, ::2].repeat(2, 0).repeat(2, 1)  # 2 x 2 pixels share their chroma
+        y, u, v = np.moveaxis(np.asarray(PIL.Image.fromarray(image).convert("YCbCr"), float), 2, 0)
+        # ITU-R BT.601, as cameras and OpenCV have it: luma from 16 to 235, chroma from 16 to 240.
+        y, u, v = (np.round(plane).astype(np.uint8) for plane in (
+            16 + y * 219 / 255, 128 + (u - 128) * 224 / 255, 128 + (v - 128) * 224 / 255))
         chroma = np.where(np.arange(WIDTH) % 2 == 0, u, v)
-        for encoding, planes in (("yuv422", (chroma, y)), ("yuv422_yuy2", (y, chroma)), ("yuyv", (y, chroma))):
-            rgb = node.to_rgb(message(encoding, np.stack(planes, 2)))
-            self.assertLessEqual(np.abs(rgb.astype(int) - image).max(), 2, encoding)  # rounding, there and back
+        small_u, small_v = u[::2, ::2], v[::2, ::2]
+        in_turns = [np.stack(pair, 2).reshape(HEIGHT // 2, WIDTH) for pair in ((small_u, small_v), (small_v, small_u))]
+        in_planes = [np.concatenate(pair).reshape(HEIGHT // 2, WIDTH) for pair in ((small_u, small_v), (small_v, small_u))]
+        cases = [("yuv422", np.stack((chroma, y), 2)), ("UYVY", np.stack((chroma, y), 2)),
+                 ("yuv422_yuy2", np.stack((y, chroma), 2)), ("yuyv", np.stack((y, chroma), 2))]
+        for name, below in (("nv12", in_turns[0]), ("NV21", in_turns[1]), ("i420", in_planes[0]), ("yuv420p", in_planes[0]),
+                            ("yv12", in_planes[1])):
+            cases.append((name, np.concatenate((y, below))))
+        for encoding, planes in cases:
+            rgb = node.ImageReader().read(message(encoding, planes))
+            self.assertLessEqual(np.abs(rgb.astype(int) - image).max(), 4, encoding)  # rounding, twice there and twice back
+        planes = np.concatenate((y, in_turns[0]))
+        all_rows = message("nv12", planes)
+        all_rows.height = HEIGHT * 3 // 2
+        with_gaps = message("nv12", planes, gap=6)
+        for other in all_rows, with_gaps:
+            np.testing.assert_array_equal(node.ImageReader().read(other), node.ImageReader().read(message("nv12", planes)))
+        for changes in (dict(data=planes.tobytes()[:-2]), dict(width=WIDTH - 1), dict(width=0), dict(step=0)):
+            words = f"nv12.*even.*{changes.get('step', WIDTH) * 48} bytes"
+            with self.subTest(changes), self.assertRaisesRegex(node.Refused, words):
+                node.ImageReader().read(types.SimpleNamespace(**{**vars(message("nv12", planes)), **changes}))
 
     def test_bad_images_are_refused(self):
         good = message("rgb8", test_image())
         for changes, words in ((dict(encoding="32FC1"), "encoding 32FC1: must be mono, rgb"), (dict(step=100), "a step of 144"),
                                (dict(data=good.data[:-1]), "4607 bytes: needs"), (dict(width=0), "0 x 32 px")):
             with self.subTest(changes), self.assertRaisesRegex(node.Refused, words):
-                node.to_rgb(types.SimpleNamespace(**{**vars(good), **changes}))
+                node.ImageReader().read(types.SimpleNamespace(**{**vars(good), **changes}))
 
     @decodes
     def test_pictures(self):
