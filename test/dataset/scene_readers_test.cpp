@@ -111,6 +111,19 @@ TEST_F(MvsnetTest, BadCameras) {
   EXPECT_THAT(error("1 0.5 11\n", ""), HasSubstr("truncated"));
 }
 
+TEST_F(MvsnetTest, WithoutNumberOfDepthsTheRangeIsOpen) {
+  cam1 = Replaced(cam1, "1 0.5 11\n", "425 2.5\n");  // as MVSNet's files of DTU
+  WriteMvsnet();
+  const Scene open = ReadScene(folder());
+  EXPECT_TRUE(open.images[0].depth_range);
+  EXPECT_FALSE(open.images[1].depth_range);
+  EXPECT_THAT(open.warnings, ElementsAre(HasAll("00000001_cam.txt", "192", "--depth-max")));
+  WriteColmapText();  // with landmarks, which tell the range
+  const Scene told = ReadScene(folder(), SceneFormat::kMvsnet);
+  EXPECT_FALSE(told.images[1].depth_range);
+  EXPECT_THAT(told.warnings, ElementsAre());
+}
+
 TEST_F(MvsnetTest, MissingFilesAreNamed) {
   WriteMvsnet();
   std::filesystem::remove(folder() / "cams/00000001_cam.txt");
