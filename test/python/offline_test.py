@@ -6,6 +6,7 @@ Usage: offline_test.py ACMP_RECONSTRUCT ACMP_MAKE_SCENE, with the module on PYTH
 import inspect
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -100,6 +101,24 @@ class OfflineTest(unittest.TestCase):
         self.assert_is_of_tool(offline.reconstruct(**{**colmap, **QUICK, **changes}), "--format", "colmap",
                                "--max-image-size", "60", "--source-views", "2", "--seed", "7", "--set",
                                "geometric_passes=1")
+
+    def test_online_schedule_of_a_model_without_points_takes_the_range_from_matches(self):
+        model = self.folder / "without_points"
+        shutil.copytree(f"{self.scene}/images", model / "images")
+        shutil.copytree(f"{self.scene}/sparse", model / "sparse")
+        (model / "sparse/points3D.bin").write_bytes(bytes(8))  # their number
+        data = (model / "sparse/images.bin").read_bytes()
+        without, at = data[:8], 8
+        for _ in range(IMAGES):
+            end_of_name = data.index(b"\0", at + 64) + 1  # after id, pose and camera
+            without += data[at:end_of_name] + bytes(8)
+            at = end_of_name + 8 + 24 * int.from_bytes(data[end_of_name:end_of_name + 8], "little")
+        (model / "sparse/images.bin").write_bytes(without)
+        run = subprocess.run([PROGRAM, model, self.folder / "of_matches", "--schedule", "online", "--preset", "online",
+                              "--device", "cpu", "--no-pictures", "--quiet"], stderr=subprocess.PIPE, text=True, check=False)
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn("keyframe 1: no sparse points tell its depth range", run.stderr)  # the notice
+        self.assertEqual(len(list((self.folder / "of_matches/depth").glob("*.pfm"))), IMAGES - 1)  # all but the first
 
     def test_prior_depth_is_that_of_the_tool(self):
         folder = self.folder / "prior"

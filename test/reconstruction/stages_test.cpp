@@ -1,9 +1,17 @@
 // Stages of chunks, by a process each (--stage) or by one (--stages), end with the bytes of a run alone.
 
+#include <atomic>
 #include <fstream>
+#include <future>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
 
 #include "reconstruction/run_fixture.h"
 #include "support/error_text.h"
@@ -263,6 +271,53 @@ TEST_F(StagesTest, RefuseWhatIsNotPlannedOrHasChanged) {
   WriteWorkFile(output() / "work/plan/000000.bin", plan);
   ChangeImage1();
   EXPECT_THAT(StageError("step_1", "0-1"), HasSubstr("00000001.png: it, its mask or its prior depth has changed"));
+}
+
+class NamedEngine final : public FakeMatcherEngine {
+ public:
+  NamedEngine(std::string name, FakeMatcher* matcher) : FakeMatcherEngine(matcher), name_(std::move(name)) {}
+  std::string device_name() const override { return name_; }
+
+ private:
+  std::string name_;
+};
+
+TEST_F(StagesTest, OfTwoModelsOfDevicesThatBeginAtOnceOneIsRefusedBeforeItComputes) {
+  const std::vector<std::pair<std::string, std::string>> models = {{"model A (0)", "0-1"}, {"model B (0)", "2-3"}};
+  for (int round = 0; round < 20; ++round) {  // neither is always the first
+    options_.output = output("round_" + std::to_string(round));
+    Plan();
+    std::atomic<size_t> waiting = 0;
+    std::vector<FakeMatcher> matchers(models.size());
+    std::vector<std::future<std::string>> errors;
+    for (size_t i = 0; i < models.size(); ++i) {
+      errors.push_back(std::async(std::launch::async, [&, i, options = options_]() mutable -> std::string {
+        options.stage = "step_0";
+        options.images = models[i].second;
+        const auto make_devices = [&] {
+          std::vector<ReconstructDevice> devices(1);
+          devices[0].engines.push_back(std::make_unique<NamedEngine>(models[i].first, &matchers[i]));
+          devices[0].on_host = true;
+          for (++waiting; waiting < models.size();) std::this_thread::yield();
+          return devices;
+        };
+        StopRequest stop;
+        std::ostringstream out, log;
+        try {
+          Reconstruct(options, {make_devices, stop, out, log, false});
+          return "";
+        } catch (const InvalidInputError& error) {
+          return error.what();
+        }
+      }));
+    }
+    std::vector<std::string> told;
+    for (std::future<std::string>& error : errors) told.push_back(error.get());
+    const size_t refused = told[0].empty() ? 1 : 0;
+    EXPECT_THAT(told[refused], HasSubstr("--device")) << "round " << round;
+    EXPECT_EQ(told[1 - refused], "") << "round " << round;
+    EXPECT_TRUE(matchers[refused].calls.empty() && !matchers[1 - refused].calls.empty()) << "round " << round;
+  }
 }
 
 TEST_F(StagesTest, OptionsThatDoNotGoTogether) {
