@@ -12,6 +12,12 @@ show=false
 [ -n "${DISPLAY:-}" ] && show=true
 export PYENV_VERSION=system
 
+record=.made_by_demo # is in what a demo has made: nothing else is removed
+if [ -L "$out" ] || { [ -e "$out" ] && [ ! -f "$out/$record" ] && [ -n "$(ls -A "$out")" ]; }; then
+  echo "$out: has no $record, so no demo has made it: move it away" >&2
+  exit 1
+fi
+
 step "packages"
 if $show; then scripts/install_dependencies.sh --display; else scripts/install_dependencies.sh; fi
 
@@ -31,6 +37,7 @@ bin=$build/devel/lib/acmp_mapping
 step "recording the synthetic room"
 rm -rf "$out"
 mkdir -p "$out"
+touch "$out/$record"
 # Preset online at this size takes as long as balanced at 240x180; maps and mesh show more.
 "$bin/acmp_make_bag" --synthetic "$out/room.bag" --width 320 --height 240 --ground-truth "$out/ground_truth"
 "$bin/acmp_check_bag" "$out/room.bag"

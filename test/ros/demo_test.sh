@@ -23,3 +23,23 @@ if scripts/save_demo_output.py "$folder/room.bag" "$folder" --timeout 500 rviz:=
 fi
 grep -q "roslaunch has ended" "$folder/wrong"
 grep -q "device = " "$folder/wrong"
+# A folder demo_output that no demo has made stays, here where the scripts that demo.sh calls do nothing.
+mkdir -p "$folder/package/scripts" "$folder/package/demo_output"
+cp scripts/demo.sh "$folder/package/scripts"
+echo 'step() { :; }; configure() { :; }; cmake() { :; }; build=build' >"$folder/package/scripts/build_steps.sh"
+for script in install_dependencies.sh ros_environment.sh; do
+  echo true >"$folder/package/scripts/$script"
+  chmod +x "$folder/package/scripts/$script"
+done
+touch "$folder/package/demo_output/mine"
+if "$folder/package/scripts/demo.sh" 2>"$folder/refused"; then
+  echo "demo.sh is done without its programs"
+  exit 1
+fi
+grep -q "$folder/package/demo_output: has no .made_by_demo" "$folder/refused"
+test -e "$folder/package/demo_output/mine"
+# One that a demo has made is made anew.
+mv "$folder/package/demo_output/mine" "$folder/package/demo_output/.made_by_demo"
+touch "$folder/package/demo_output/old"
+"$folder/package/scripts/demo.sh" 2>/dev/null && exit 1
+test ! -e "$folder/package/demo_output/old"
