@@ -58,8 +58,9 @@ def main():
     processes = []
     try:
         read, write = os.pipe()
-        processes.append(subprocess.Popen(["Xvfb", "-displayfd", str(write), "-screen", "0", "1440x920x24"], pass_fds=[write],
-                                          stderr=subprocess.DEVNULL))
+        # Without -noreset it begins anew whenever its last client leaves, and refuses those that come meanwhile.
+        processes.append(subprocess.Popen(["Xvfb", "-displayfd", str(write), "-noreset", "-screen", "0", "1440x920x24"],
+                                          pass_fds=[write], stderr=subprocess.DEVNULL))
         display = ":" + os.read(read, 10).decode().strip()
         os.environ.update(DISPLAY=display, LIBGL_ALWAYS_SOFTWARE="1", QT_X11_NO_MITSHM="1", XDG_RUNTIME_DIR=folder.name)
         metres, millimetres = folder.name + "/m.bag", folder.name + "/mm.bag"
