@@ -3,6 +3,8 @@
 
 #include <atomic>
 #include <csignal>
+#include <cstdlib>
+#include <exception>
 #include <iostream>
 #include <string_view>
 #include <utility>
@@ -70,4 +72,12 @@ int RunStandalone(int argc, char** argv, const char* default_name, const char* n
 }  // namespace
 }  // namespace acmp
 
-int main(int argc, char** argv) { return acmp::RunStandalone(argc, argv, ACMP_NODE, "acmp_mapping/" ACMP_NODELET); }
+int main(int argc, char** argv) {
+  try {
+    return acmp::RunStandalone(argc, argv, ACMP_NODE, "acmp_mapping/" ACMP_NODELET);
+  } catch (const std::exception& error) {  // of roscpp: without memory it can start no thread
+    std::cerr << ACMP_NODE "_node: " << error.what()
+              << "; where threads or memory are short, they may be limited (ulimit -u, -v)" << std::endl;
+    std::_Exit(1);  // roscpp's own destructors abort when it is half started
+  }
+}
