@@ -1,5 +1,6 @@
 #include "plan.h"
 
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
 #include <Eigen/Geometry>
@@ -62,11 +63,12 @@ void ChooseSourceViews(const Scene& scene, int max_sources, std::vector<ImagePla
     all.push_back({{image.camera, image.cam_from_world}});
     for (int landmark : image.landmark_indices) observers[static_cast<size_t>(landmark)].push_back(i);
   }
+  tbb::enumerable_thread_specific<std::vector<SourceViewCandidate>> candidates_of_threads(all);  // not a copy per image
   tbb::parallel_for(size_t{0}, images->size(), [&](size_t i) {
     ImagePlan& plan = (*images)[i];
     const SceneImage& image = scene.images[static_cast<size_t>(plan.index)];
     if (!image.ranked_sources.empty() || !(plan.range.max > 0)) return;  // 0: no image has a range
-    std::vector<SourceViewCandidate> candidates = all;
+    std::vector<SourceViewCandidate>& candidates = candidates_of_threads.local();
     std::vector<int> shared(candidates.size());
     int count = 0;
     for (int landmark : image.landmark_indices) {
@@ -75,8 +77,8 @@ void ChooseSourceViews(const Scene& scene, int max_sources, std::vector<ImagePla
       ++count;
       for (size_t observer : observers[static_cast<size_t>(landmark)]) ++shared[observer];
     }
-    for (size_t k = 0; k < shared.size() && count > 0; ++k) {
-      candidates[k].shared_landmarks = static_cast<double>(shared[k]) / count;
+    for (size_t k = 0; k < shared.size(); ++k) {
+      candidates[k].shared_landmarks = count > 0 ? static_cast<double>(shared[k]) / count : 1;
     }
     for (const auto& view : SelectSourceViews(all[i].view, plan.range, candidates, max_sources).views) {
       plan.sources.push_back((*images)[view.index].index);
