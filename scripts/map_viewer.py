@@ -8,7 +8,7 @@ whose z points up by the cameras. Occupancy, which is made of heights above the 
 z of the world points up from a floor at 0.
 
 Publishes viewer/keyframes (the keyframes' frusta) and, for rviz' Camera display, viewer/image and viewer/camera_info: the newest
-keyframe in the tf frame acmp_camera, since a frontend need not put its camera's pose into tf.
+keyframe in the tf frame acmp_camera (of the namespace /acmp), since a frontend need not put its camera's pose into tf.
 
 Exit code: that of rviz.
 """
@@ -30,8 +30,12 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
-CAMERA, TARGET, UPRIGHT = "acmp_camera", "acmp_view", "acmp_upright"  # tf frames of this node
 FIRST_KEYFRAMES = 3  # with points, before rviz starts; a map that is there already is enough, too
+
+
+def frame_name(namespace, name):
+    """A tf frame of this node, which other mappers' viewers do not use: acmp_camera in /acmp/."""
+    return f"{namespace.strip('/').replace('/', '_')}_{name}".lstrip("_")
 
 
 def rotation(q):
@@ -94,7 +98,7 @@ def fit(settings, depth, frame, namespace, occupancy):
         elif display["Class"] == "rviz/Map":
             display.update(Enabled=occupancy, Value=occupancy)
     manager["Views"]["Current"].update({
-        "Target Frame": TARGET, "Distance": 2 * depth, "Near Clip Distance": 0.002 * depth,
+        "Target Frame": frame_name(namespace, "view"), "Distance": 2 * depth, "Near Clip Distance": 0.002 * depth,
         "Focal Point": {"X": 0, "Y": 0, "Z": 0}, "Focal Shape Size": 0.02 * depth, "Pitch": 0.5,
         "Yaw": np.pi})  # from behind the camera
 
@@ -104,6 +108,8 @@ class Viewer:
         self.options, self.lock = options, threading.Lock()
         self.newest, self.rotations, self.depths, self.up = None, deque(maxlen=100), deque(maxlen=5), None
         self.info = self.picture = self.rviz = None
+        self.camera, self.target, self.upright = (frame_name(rospy.get_namespace(), name)
+                                                  for name in ("camera", "view", "upright"))
         self.tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
         self.static_tf = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.frusta = rospy.Publisher("viewer/keyframes", Marker, queue_size=1, latch=True)
@@ -124,9 +130,9 @@ class Viewer:
         r, t = rotation(message.pose.orientation), position(message.pose)
         self.newest = message
         self.rotations.append(r)
-        frames = [transform(message.header, CAMERA, t, message.pose.orientation)]
+        frames = [transform(message.header, self.camera, t, message.pose.orientation)]
         if self.up is not None:  # the view looks at what is in the middle of the newest image
-            frames.append(transform(message.header, TARGET, t + r[:, 2] * np.median(self.depths),
+            frames.append(transform(message.header, self.target, t + r[:, 2] * np.median(self.depths),
                                     quaternion(frame_of(r[:, 2], self.up))))
         self.tf.publish(frames)
 
@@ -153,7 +159,7 @@ class Viewer:
 
     def show_image(self):
         if self.info and self.picture and self.info.header.stamp == self.picture.header.stamp:
-            self.info.header.frame_id = self.picture.header.frame_id = CAMERA
+            self.info.header.frame_id = self.picture.header.frame_id = self.camera
             self.camera_info.publish(self.info)
             self.image.publish(self.picture)
 
@@ -181,11 +187,11 @@ class Viewer:
         self.up = np.array([0, 0, 1.0]) if z_is_up else upward(rotations)
         if not z_is_up:
             r = frame_of(rotations[-1][:, 2], self.up)
-            self.static_tf.publish([transform(self.newest.header, UPRIGHT, np.zeros(3), quaternion(r))])
+            self.static_tf.publish([transform(self.newest.header, self.upright, np.zeros(3), quaternion(r))])
             rospy.loginfo("z of frame \"%s\" does not point up, by the cameras: the view stands upright in frame %s", world,
-                          UPRIGHT)
+                          self.upright)
         settings = yaml.safe_load(Path(self.options.config).read_text(encoding="utf-8"))
-        fit(settings, depth, world if z_is_up else UPRIGHT, rospy.get_namespace(),
+        fit(settings, depth, world if z_is_up else self.upright, rospy.get_namespace(),
             self.options.occupancy)
         self.file = tempfile.NamedTemporaryFile("w", suffix=".rviz")
         yaml.safe_dump(settings, self.file)

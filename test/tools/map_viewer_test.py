@@ -89,6 +89,7 @@ class Settings(unittest.TestCase):
         topics = [display[key] for display in settings["Displays"] for key in ("Topic", "Image Topic", "Marker Topic") if key in display]
         self.assertGreaterEqual(len(topics), 8)
         self.assertTrue(all(topic.startswith("/robot_2/") for topic in topics), topics)
+        self.assertEqual(settings["Views"]["Current"]["Target Frame"], "robot_2_view")
 
 
 if __name__ == "__main__":
