@@ -233,7 +233,7 @@ struct DenseMapper::Impl {
   void Initialise(const WindowKeyframePtr& keyframe, int min_source_views) {
     KeyframeSteps steps = {keyframe, window.SelectSources(*keyframe)};
     const SourceViews& sources = steps.sources;
-    if (sources.keyframes.size() < static_cast<size_t>(min_source_views) && sources.num_of_capture == 0) return;
+    if (sources.keyframes.size() < static_cast<size_t>(min_source_views) && sources.of_capture.empty()) return;
     if (!Try(keyframe, [&] { estimator.Initialise(&steps); })) return;
     keyframe->state = State::kInitialised;
     outputs.SubmitFast(std::move(steps));
@@ -292,17 +292,20 @@ struct DenseMapper::Impl {
     for (const WindowKeyframePtr& keyframe : window.Images()) keyframe->shared.reset();
   }
 
-  /// Makes initial estimates that the keyframe's passes read: those of its companions, and anew those of others if
-  /// poses have moved since: live, of the best views. Where it fails, that is told, and the old estimate or none is
-  /// read: it is not the fault of the keyframe that reads it.
+  /// Makes initial estimates that are missing or whose poses have moved since: of companions, which say what moves, and
+  /// of those that the keyframe's passes read: live, of the best views. Where it fails, that is told, and the old
+  /// estimate or none is read: it is not the fault of the keyframe that reads it.
   void BringUpToDate(const KeyframeSteps& steps) {
+    for (const WindowKeyframePtr& companion : steps.sources.of_capture) {
+      if (companion->is_mapped || companion->initial) continue;
+      MakeAnew(companion);
+      steps.keyframe->times += std::exchange(companion->times, {});
+    }
     int may_make_anew = options.live ? kMostMadeAnew : kMaxSelectedViews;
-    for (size_t i = 0; i < steps.sources.keyframes.size(); ++i) {
-      const WindowKeyframePtr& source = steps.sources.keyframes[i];
-      const bool is_missing = i < steps.sources.num_of_capture && !source->is_mapped && !source->initial;
-      if (!is_missing && !(may_make_anew > 0 && IsOutdated(*source))) continue;
+    for (const WindowKeyframePtr& source : steps.sources.keyframes) {
+      if (may_make_anew == 0 || !IsOutdated(*source)) continue;
       MakeAnew(source);
-      may_make_anew -= is_missing ? 0 : 1;
+      --may_make_anew;
       if (!source->is_mapped) steps.keyframe->times += std::exchange(source->times, {});
     }
   }

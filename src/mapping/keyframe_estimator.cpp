@@ -150,17 +150,18 @@ void KeyframeEstimator::Step(size_t step, KeyframeSteps* steps) {
 }
 
 void KeyframeEstimator::KeepInstant(KeyframeSteps* steps) {
-  const SourceViews& sources = steps->sources;
-  if (sources.num_of_capture == 0 || sources.num_of_capture == sources.keyframes.size()) return;
+  const std::vector<WindowKeyframePtr>&of_capture = steps->sources.of_capture, &all = steps->sources.keyframes;
+  if (of_capture.empty() || std::is_permutation(all.begin(), all.end(), of_capture.begin(), of_capture.end())) return;
   EngineProblem own = steps->problem;
-  own.sources.resize(sources.num_of_capture);
+  own.sources.clear();
+  for (const WindowKeyframePtr& view : of_capture) own.sources.push_back(MakeView(view.get()));
   const EngineEstimatePtr matched = own.reference.estimate;
   own.reference.estimate.reset();
   const EngineEstimatePtr instant = estimator_.Run(estimator_.schedule().front(), own);
   steps->times += estimator_.last_times();
   std::vector<InstantView> views;
   for (size_t i = 0; i < own.sources.size(); ++i) {
-    const EngineEstimatePtr& estimate = sources.keyframes[i]->EstimateForPasses();
+    const EngineEstimatePtr& estimate = of_capture[i]->EstimateForPasses();
     if (estimate) views.emplace_back(own.reference, own.sources[i], engine_->DownloadDepth(estimate));
   }
   const Image<unsigned char> moved =

@@ -12,12 +12,6 @@ namespace {
 
 PosedCamera CameraOf(const Frame& frame) { return {frame.camera, frame.cam_from_world}; }
 
-/// So near to each other that a point at the depth is seen under less than the least angle of a source view.
-bool AreAtOnePlace(const Frame& a, const Frame& b, double depth) {
-  const double distance = (a.cam_from_world.inverse().translation() - b.cam_from_world.inverse().translation()).norm();
-  return distance < std::tan(kMinSourceAngleDeg * kRadPerDeg<double>) * depth;
-}
-
 /// Source views count as better when the sum of their scores has grown so much. A keyframe has one chance halfway
 /// through the window and one at a flush, so that little is worth the work: 1.1 and 1.25 cost the same in a stream.
 constexpr double kBetterScore = 1.1;
@@ -100,21 +94,21 @@ WindowCapture KeyframeWindow::Add(const Capture& capture) {
 }
 
 SourceViews KeyframeWindow::SelectSources(const WindowKeyframe& keyframe) const {
-  const Candidates candidates = CandidatesOf(keyframe);
-  const SourceViewSelection selection =
-      SelectSourceViews(CameraOf(*keyframe.frame), keyframe.range, candidates.views, max_source_views_);
+  const auto select = [&](const Candidates& candidates, std::vector<WindowKeyframePtr>* selected) {
+    const SourceViewSelection selection =
+        SelectSourceViews(CameraOf(*keyframe.frame), keyframe.range, candidates.views, max_source_views_);
+    for (const SelectedSourceView& view : selection.views) selected->push_back(candidates.keyframes[view.index]);
+    return selection.gain;
+  };
   SourceViews sources;
-  for (const SelectedSourceView& view : selection.views) {
-    sources.keyframes.push_back(candidates.keyframes[view.index]);
-    sources.num_of_capture += candidates.views[view.index].priority == kOfCapture ? 1 : 0;
-  }
-  sources.score = selection.gain;
+  sources.score = select(CandidatesOf(keyframe, keyframe.is_mapped), &sources.keyframes);
+  select(CandidatesOf(keyframe, false), &sources.of_capture);
   return sources;
 }
 
 std::string KeyframeWindow::DescribeMissingViews(const WindowKeyframe& keyframe, int min_source_views) const {
   const std::string name = Concat("keyframe ", keyframe.frame->id, ": ");
-  const Candidates others = CandidatesOf(keyframe);
+  const Candidates others = CandidatesOf(keyframe, keyframe.is_mapped);
   if (others.keyframes.empty()) {
     return Concat(name, "no other keyframe in the window, at least ", min_source_views, " needed");
   }
@@ -147,19 +141,19 @@ std::vector<WindowKeyframePtr> KeyframeWindow::Images() const {
   return images;
 }
 
-KeyframeWindow::Candidates KeyframeWindow::CandidatesOf(const WindowKeyframe& keyframe) const {
-  const double depth = TypicalDepth(keyframe.range);
+KeyframeWindow::Candidates KeyframeWindow::CandidatesOf(const WindowKeyframe& keyframe, bool of_all_captures) const {
+  constexpr int kMapped = 1, kNotMapped = 0;  // priorities
   Candidates candidates;
   for (const WindowCapture& capture : captures_) {
     const bool is_own = std::any_of(capture.begin(), capture.end(),
                                     [&](const WindowKeyframePtr& image) { return image.get() == &keyframe; });
-    if (!is_own && !keyframe.is_mapped) continue;
-    const bool is_here = !is_own && AreAtOnePlace(*keyframe.frame, *capture.front()->frame, depth);
+    if (!is_own && !of_all_captures) continue;
     for (const WindowKeyframePtr& image : capture) {
       if (image.get() == &keyframe) continue;
-      if (is_here && !image->is_mapped && image != capture.front()) continue;
+      const bool is_companion = !image->is_mapped && image != capture.front();
+      if (is_companion && !is_own) continue;
       candidates.keyframes.push_back(image);
-      candidates.views.push_back({CameraOf(*image->frame), is_own ? kOfCapture : image->is_mapped ? kMapped : kOther});
+      candidates.views.push_back({CameraOf(*image->frame), is_own || image->is_mapped ? kMapped : kNotMapped});
     }
   }
   return candidates;

@@ -109,8 +109,8 @@ using WindowCapture = std::vector<WindowKeyframePtr>;
 /// Source views of one keyframe, best first.
 struct SourceViews {
   std::vector<WindowKeyframePtr> keyframes;
-  size_t num_of_capture = 0;  ///< so many of them, the first ones, are of the keyframe's own capture
-  double score = 0;           ///< what they bring together: the selection's gain
+  std::vector<WindowKeyframePtr> of_capture;  ///< the useful ones of its own capture, whether among `keyframes` or not
+  double score = 0;                           ///< what `keyframes` bring together: the selection's gain
 
   std::vector<int64_t> Ids() const;
 };
@@ -143,12 +143,10 @@ class KeyframeWindow {
   WindowCapture Add(const Capture& capture);
   void PopOldest() { captures_.pop_front(); }
 
-  /// Chosen among the others in the window (SelectSourceViews), at most max_source_views. Those of its own capture go
-  /// first: they alone show what moves where it is, and lie as far away as the cameras do. Then those that are mapped,
-  /// for they can confirm depth. From a capture that was taken at the same place only keyframes are candidates: its
-  /// companions would show what those of the own capture do, but for what has moved meanwhile. An image that is not
-  /// mapped is matched against its own capture alone, to say what its keyframes can confirm. The image has a depth
-  /// range.
+  /// Chosen among the others in the window (SelectSourceViews), at most max_source_views: first among those that are
+  /// mapped, for they can confirm depth, and those of its own capture. Companions of other captures are no candidates:
+  /// they confirm nothing, and what they see their keyframes see nearly alike. An image that is not mapped is matched
+  /// against its own capture alone, to say what its keyframes can confirm. The image has a depth range.
   SourceViews SelectSources(const WindowKeyframe& keyframe) const;
 
   /// Sentence that says why the keyframe has fewer than `min_source_views`, with the numbers.
@@ -172,8 +170,7 @@ class KeyframeWindow {
     std::vector<WindowKeyframePtr> keyframes;
     std::vector<SourceViewCandidate> views;  ///< theirs
   };
-  static constexpr int kOfCapture = 2, kMapped = 1, kOther = 0;  ///< priorities
-  Candidates CandidatesOf(const WindowKeyframe& keyframe) const;
+  Candidates CandidatesOf(const WindowKeyframe& keyframe, bool of_all_captures) const;
 
   int max_source_views_;
   std::deque<WindowCapture> captures_;

@@ -152,9 +152,10 @@ class DenseMapper {
   /// window. A keyframe that fails is reported through on_drop and never stops the others.
   ///
   /// Companions get no maps and no callbacks. They move with the first keyframe's pose, take its depth range where they
-  /// are matched, and are the first source views of their own keyframes. For these each gets an initial estimate, which
-  /// confirms what both see, and keyframes get another one by their companions alone, which shows what has moved since
-  /// other captures. One that cannot be used is told of as a problem, "companion_refused", and left out.
+  /// are matched, and are source views of their own keyframes where they bring as much as others. For these each gets
+  /// an initial estimate, which confirms what both see, and keyframes get another one by their companions alone, which
+  /// shows what has moved since other captures. One that cannot be used is told of as a problem, "companion_refused",
+  /// and left out.
   ///
   /// A capture without keyframes costs little, for images that come faster than they can be mapped: it is a later
   /// capture to keyframes that wait for some, and its images are source views of others. Where keyframes have maps,
