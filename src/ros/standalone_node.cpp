@@ -1,13 +1,20 @@
 // A nodelet in a process of its own: the mains of dense_mapper_node and map_server_node. ACMP_NODE is the name,
 // ACMP_NODELET the nodelet.
 
+#include <sys/mman.h>
+
 #include <atomic>
 #include <csignal>
 #include <cstdlib>
 #include <exception>
+#include <future>
 #include <iostream>
+#include <stdexcept>
 #include <string_view>
+#include <system_error>
+#include <thread>
 #include <utility>
+#include <vector>
 
 #include <nodelet/loader.h>
 #include <ros/callback_queue.h>
@@ -19,6 +26,30 @@ namespace {
 std::atomic<bool> g_stop{false};
 
 void HandleSignal(int /*signal*/) { g_stop = true; }
+
+/// Throws where a node could not start. Before ROS, as roscpp, nodelet and the logger that OpenVDB brings along abort
+/// or wait for ever where only some of their threads can be started: so more than they and the nodelets start are tried
+/// here, with room for libraries beside their stacks.
+void CheckThreadsAndMemory() {
+  constexpr size_t kBytes = size_t{512} << 20;
+  const unsigned threads = 24 + 2 * std::thread::hardware_concurrency();
+  void* const space = mmap(nullptr, kBytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  std::promise<void> end;
+  const std::shared_future<void> ended = end.get_future().share();
+  std::vector<std::thread> started;
+  try {
+    while (started.size() < threads) started.emplace_back([ended] { ended.wait(); });
+  } catch (const std::system_error&) {  // told below
+  }
+  end.set_value();
+  for (std::thread& thread : started) thread.join();
+  if (space != MAP_FAILED) munmap(space, kBytes);
+  if (space != MAP_FAILED && started.size() == threads) return;
+  throw std::runtime_error("a node starts with at least 512 MiB of address space and " + std::to_string(threads) +
+                           " threads (24, and two for each processor); here " +
+                           (space == MAP_FAILED ? "the space" : "thread " + std::to_string(started.size() + 1)) +
+                           " is missing");
+}
 
 /// roscpp waits for a master without heeding signals. False: a signal came first.
 bool WaitForMaster() {
@@ -50,6 +81,7 @@ int RunStandalone(int argc, char** argv, const char* default_name, const char* n
         << std::endl;
     return std::cout ? 0 : 1;
   }
+  CheckThreadsAndMemory();
   ros::init(argc, argv, default_name, ros::init_options::NoSigintHandler);
   // roscpp handles SIGINT only; roslaunch and systemd end programs with SIGTERM.
   std::signal(SIGINT, HandleSignal);

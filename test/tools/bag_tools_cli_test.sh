@@ -42,6 +42,11 @@ expect 1 "cannot write" limited "$bin/acmp_make_bag" "${small[@]}" out.bag
 head -c 5000 a.bag >cut.bag
 expect 1 "cannot write to the standard output" eval '"$bin/acmp_check_bag" a.bag 2>&1 >/dev/full'
 expect 1 "cannot write to the standard output" eval '"$bin/acmp_check_bag" --help 2>&1 >/dev/full'
+for node in dense_mapper_node map_server_node; do
+  for kilobytes in 300000 600000; do  # else libraries of others abort, or wait for ever
+    expect 1 "address space" timeout 60 bash -c "ulimit -c 0 -v $kilobytes; exec $bin/$node"
+  done
+done
 expect 2 "truncated" "$bin/acmp_check_bag" cut.bag
 expect 2 "no such file" "$bin/acmp_check_bag" missing.bag
 mkfifo pipe.bag
