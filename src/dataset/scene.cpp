@@ -3,9 +3,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <deque>
 #include <memory>
-#include <mutex>
 #include <numeric>
 #include <set>
 #include <sstream>
@@ -131,27 +129,10 @@ Mask ToMask(const ColorImage& picture) {
 /// Of the file as stored.
 const PinholeCamera& FileCamera(const SceneImage& image) { return image.face ? image.face->file_camera : image.camera; }
 
-/// Takes lens distortion and rolling shutter out of the image. Kept for the next images of the same camera, as its maps
-/// take time.
-std::shared_ptr<const Rectifier> RectifierOf(const SceneImage& image) {
-  static std::mutex mutex;
-  static std::deque<std::shared_ptr<const Rectifier>> newest;
-  constexpr size_t kPixels = 20'000'000;  // each has 6 bytes per pixel, beside what options bound
-  const Lens lens(FileCamera(image), image.distortion, image.field_of_view);
-  const PinholeFace face = {"", image.camera, image.face ? image.face->lens_from_face : Eigen::Matrix3d::Identity()};
-  if (!(image.readout == ReadoutMotion())) return std::make_shared<Rectifier>(lens, face, image.readout);  // its own
-  const std::lock_guard<std::mutex> lock(mutex);
-  for (const auto& known : newest) {
-    if (known->lens() == lens && known->face() == face) return known;
-  }
-  newest.push_back(std::make_shared<Rectifier>(lens, face, image.readout));
-  const auto add = [](size_t sum, const auto& known) {
-    return sum + static_cast<size_t>(known->face().camera.width) * static_cast<size_t>(known->face().camera.height);
-  };
-  while (newest.size() > 1 && std::accumulate(newest.begin(), newest.end(), size_t{0}, add) > kPixels) {
-    newest.pop_front();
-  }
-  return newest.back();
+/// Of the maps of a rectifier that has been used: two 16-bit places, a 16-bit fraction and what is seen.
+size_t BytesOf(const Rectifier& rectifier) {
+  const PinholeCamera& camera = rectifier.face().camera;
+  return size_t{7} * static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
 }
 
 /// The mask as stored; empty: the image has none. Throws as ReadMask does.
@@ -256,7 +237,32 @@ Mask ReadMask(const fs::path& path) { return ToMask(ReadColorImage(path)); }
 
 Mask ReadMask(const fs::path& path, const ImageSize& of_image) { return ToMask(ReadColorImage(path, of_image)); }
 
-Mask LoadMask(const SceneImage& image) { return RectifierOf(image)->RectifyMask(ReadMaskOf(image)); }
+std::shared_ptr<const Rectifier> RectifierCache::Of(const SceneImage& image) {
+  const Lens lens(FileCamera(image), image.distortion, image.field_of_view);
+  const PinholeFace face = {"", image.camera, image.face ? image.face->lens_from_face : Eigen::Matrix3d::Identity()};
+  if (!(image.readout == ReadoutMotion())) return std::make_shared<Rectifier>(lens, face, image.readout);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  for (const auto& known : newest_) {
+    if (known->lens() == lens && known->face() == face) return known;
+  }
+  newest_.push_back(std::make_shared<Rectifier>(lens, face, image.readout));
+  while (newest_.size() > 1 && SumOfBytes() > max_bytes_) newest_.pop_front();
+  return newest_.back();
+}
+
+size_t RectifierCache::bytes() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return SumOfBytes();
+}
+
+size_t RectifierCache::SumOfBytes() const {
+  return std::accumulate(newest_.begin(), newest_.end(), size_t{0},
+                         [](size_t sum, const auto& known) { return sum + BytesOf(*known); });
+}
+
+Mask LoadMask(const Scene& scene, const SceneImage& image) {
+  return scene.rectifiers->Of(image)->RectifyMask(ReadMaskOf(image));
+}
 
 size_t AddPriorDepths(const fs::path& folder, Scene* scene) {
   const auto names = [](const SceneImage& image) {
@@ -284,7 +290,7 @@ ColorImage LoadImage(const Scene& scene, int index) {
 Frame LoadFrame(const Scene& scene, int index, int max_size) {
   ColorImage color = LoadImage(scene, index);
   const SceneImage& image = scene.images[index];
-  const auto rectifier = RectifierOf(image);
+  const auto rectifier = scene.rectifiers->Of(image);
   return MakeFrame(index, 0.0, rectifier->Rectify(std::move(color)), image.camera, image.cam_from_world,
                    LandmarksOf(scene, image), max_size, rectifier->RectifyMask(ReadMaskOf(image)),
                    rectifier->RectifyDepth(ReadPriorDepthOf(image)));

@@ -105,7 +105,7 @@ void Extend(const std::optional<DepthRange>& range, DepthRange* all) {
 std::optional<DepthRange> LandmarkRange(const Scene& scene, const SceneImage& image) {
   std::vector<Eigen::Vector3d> landmarks = LandmarksOf(scene, image);
   if (!image.mask.empty()) {
-    landmarks = WithoutMasked(std::move(landmarks), image.camera, image.cam_from_world, LoadMask(image));
+    landmarks = WithoutMasked(std::move(landmarks), image.camera, image.cam_from_world, LoadMask(scene, image));
   }
   return DepthRangeFromLandmarks(landmarks, image.camera, image.cam_from_world);
 }

@@ -92,6 +92,7 @@ void MoveFile(const RefinedPose& pose, Scene* scene) {
 Scene ReadSceneInput(const ReconstructOptions& options) {
   Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers),
                           options.image_path);
+  scene.rectifiers->set_max_bytes(options.MemoryBytes(options.kRectifierShare));
   if (!options.masks.empty()) AddMasks(options.masks, &scene);
   if (!options.prior_depth.empty()) AddPriorDepths(options.prior_depth, &scene);
   for (SceneImage& image : scene.images) {
@@ -109,7 +110,7 @@ std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<
   const auto image = [&](size_t i) -> const SceneImage& { return scene.images[static_cast<size_t>(indices[i])]; };
   std::vector<char> is_of_use(indices.size(), 1);
   tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
-    if (!image(i).mask.empty() && IgnoresAll(LoadMask(image(i)))) is_of_use[i] = 0;
+    if (!image(i).mask.empty() && IgnoresAll(LoadMask(scene, image(i)))) is_of_use[i] = 0;
   });
   std::vector<int> of_use;
   size_t with_mask = 0;

@@ -31,7 +31,7 @@ void WriteSceneMesh(const ReconstructOptions& options, const Eigen::Vector3d& or
   const std::vector<ListedCamera> cameras = ReadCameraList(folder.path() / "cameras.txt");
   DistanceVolumeOptions volume_options;
   volume_options.voxel_size = VoxelSize(options, folder, cameras);
-  volume_options.max_bytes = options.MemoryBytes(1 - options.kImageShare);
+  volume_options.max_bytes = options.MemoryBytes(1 - options.kImageShare - options.kRectifierShare);
   volume_options.min_confidence = kMinMeshConfidence;
   DistanceVolume volume(volume_options);
   progress->Begin("mesh", static_cast<int>(cameras.size()) + 1);

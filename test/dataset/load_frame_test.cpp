@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -206,6 +207,26 @@ TEST_F(WideSceneTest, FacesHaveTheMaskAndTheDepthOfTheirImage) {
   EXPECT_NEAR(right.prior_depth(col, row), 2, 0.01);
   EXPECT_LT(right.prior_depth(0, row), 1.6) << "45 degrees from its axis";
   EXPECT_TRUE(LoadFrame(scene, 5).mask.empty() && LoadFrame(scene, 5).prior_depth.empty());
+}
+
+TEST_F(WideSceneTest, RectifiersKeepTheirBound) {
+  Scene scene = ReadColmap();
+  SplitWideImages(&scene);
+  const ColorImage first = LoadFrame(scene, 1).color;
+  const size_t of_one = scene.rectifiers->bytes();
+  EXPECT_GE(of_one, 7 * first.size());
+  LoadFrame(scene, 6);
+  EXPECT_EQ(scene.rectifiers->bytes(), of_one) << "the same face of an image of the same camera";
+  LoadFrame(scene, 2);
+  EXPECT_GT(scene.rectifiers->bytes(), of_one);
+  scene.rectifiers->set_max_bytes(of_one);
+  for (int i = 9; i > 0; --i) {
+    const size_t of_newest = 7 * LoadFrame(scene, i).color.size();
+    EXPECT_LE(scene.rectifiers->bytes(), std::max(of_one, of_newest)) << i;
+  }
+  const ColorImage again = LoadFrame(scene, 1).color;
+  const auto is_same = [](const Rgb& a, const Rgb& b) { return ColorDistance(a, b) == 0; };
+  EXPECT_TRUE(std::equal(first.begin(), first.end(), again.begin(), again.end(), is_same));
 }
 
 TEST_F(WideSceneTest, CirclesAreMaskedAndNamesAreUnique) {

@@ -16,6 +16,7 @@ import time
 import unittest
 import warnings
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 from PIL import Image
@@ -196,6 +197,31 @@ class OfflineTest(unittest.TestCase):
         with self.assertWarnsRegex(UserWarning, "became"):  # hardly any pixel
             narrow = offline.reconstruct(**{**shared, **PHOTOMETRIC, "depth_range": (9, 10)})
         self.assertLess(offline.evaluate_depth(narrow.images[0].depth, truth)["below_relative"][0.05], 20)
+
+    def test_other_threads_go_on_while_points_of_all_images_are_sorted_out(self):
+        count, turns, ended = 15, [0], threading.Event()
+
+        def work():
+            while not ended.is_set():
+                turns[0] += 1
+                time.sleep(0)
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        try:
+            before = []
+            K = np.repeat(self.input["K"][:1], count, axis=0)
+            K[-1, 0, 1] = 1  # refused at the last image, so that nothing else gives other threads a turn
+            arguments = {"images": [self.input["images"][0]] * count, "K": K, "points": np.zeros((300_000, 3)),
+                         "cam_from_world": np.repeat(self.input["cam_from_world"][:1], count, axis=0), "device": "cpu"}
+            call = offline._offline.reconstruct  # pylint: disable=protected-access
+            with mock.patch.object(offline._offline, "reconstruct", lambda *a: (before.append(turns[0]), call(*a))):  # pylint: disable=protected-access
+                with self.assertRaisesRegex(ValueError, r"K\[14\]"):
+                    offline.reconstruct(**arguments)
+            self.assertGreater(turns[0], before[0] + 1)
+        finally:
+            ended.set()
+            thread.join()
 
     def truth(self, index):
         return np.asarray(Image.open(Path(self.scene) / "depth" / f"{index:06d}.png")).astype(float) / 1000

@@ -1,6 +1,10 @@
 #pragma once
 
+#include <cstddef>
+#include <deque>
 #include <filesystem>
+#include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
@@ -14,6 +18,8 @@
 #include "acmp_mapping/keyframe/frame.h"
 
 namespace acmp {
+
+class Rectifier;
 
 /// Which pinhole image of a wide one a scene image is (SplitWideImages).
 struct FaceOfImage {
@@ -45,6 +51,25 @@ inline RigidTransform WrittenPose(const SceneImage& image) {
   return image.placed_from_world * image.cam_from_world.inverse();
 }
 
+/// What takes lens distortion and rolling shutter out of images, kept for the next images of the same camera: its maps
+/// take time to make. Several threads may use it.
+class RectifierCache {
+ public:
+  /// An image with a rolling shutter has one of its own, which is not kept.
+  std::shared_ptr<const Rectifier> Of(const SceneImage& image);
+
+  /// Of all that are kept, the oldest go first; the newest stays, whatever it takes.
+  void set_max_bytes(size_t bytes) { max_bytes_ = bytes; }
+  size_t bytes() const;
+
+ private:
+  size_t SumOfBytes() const;  ///< the lock is held
+
+  size_t max_bytes_ = 120'000'000;
+  mutable std::mutex mutex_;
+  std::deque<std::shared_ptr<const Rectifier>> newest_;
+};
+
 /// A posed image set. Image i of `images` has index i everywhere.
 struct Scene {
   std::filesystem::path root;
@@ -52,6 +77,7 @@ struct Scene {
   std::vector<Eigen::Vector3d> landmarks_in_world;
   std::vector<std::string> warnings;  ///< what was left aside and why, for the user
   std::string note;                   ///< which of two layouts was read; empty: there is one
+  std::shared_ptr<RectifierCache> rectifiers = std::make_shared<RectifierCache>();  ///< of its images
 };
 
 enum class SceneFormat { kAuto, kColmap, kMvsnet };
@@ -115,7 +141,7 @@ Mask ReadMask(const std::filesystem::path& path, const ImageSize& of_image);
 
 /// What of the undistorted image counts: neither what its mask ignores, nor what the lens did not see. Empty where all
 /// does. Throws as ReadMask does.
-Mask LoadMask(const SceneImage& image);
+Mask LoadMask(const Scene& scene, const SceneImage& image);
 
 /// Finds the depth maps from outside of a scene's images in a folder: that of images/a/b.jpg is FOLDER/a/b with .pfm,
 /// .dmb or .png (16 bit, thousandths), or the whole name with one of these. Returns how many images have one. Throws

@@ -66,9 +66,9 @@ struct ReconstructOptions {
 
   bool online() const { return schedule == "online"; }
 
-  /// Of memory_limit_gb, what each kind may take: images; estimates or maps; points that wait for those of earlier
-  /// images.
-  static constexpr double kImageShare = 0.4, kMapShare = 0.4, kPointShare = 0.1;
+  /// Of memory_limit_gb, what each kind may take: images; what rectifies images; estimates or maps; points that
+  /// wait for those of earlier images.
+  static constexpr double kImageShare = 0.4, kRectifierShare = 0.05, kMapShare = 0.4, kPointShare = 0.1;
   /// @param share 0..1
   size_t MemoryBytes(double share) const { return static_cast<size_t>(share * 1e9 * memory_limit_gb); }
 };
