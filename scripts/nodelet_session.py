@@ -71,11 +71,6 @@ def play_command(bag, *options, rate=20):
             *TOPICS.values()]
 
 
-def play(bag, rate=20):
-    subprocess.run(play_command(bag, rate=rate), check=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                   timeout=600)
-
-
 def image_counts():
     """How many images the mapper has received, and how many of them wait for their pose or cloud, as its next diagnostics
     say."""
