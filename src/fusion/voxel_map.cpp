@@ -18,10 +18,11 @@ namespace acmp {
 namespace {
 
 /// Several clouds as one, in the target frame.
+template <class Cloud>
 class PlacedPoints {
  public:
-  explicit PlacedPoints(const std::vector<PlacedCloud>& clouds) : clouds_(clouds) {
-    for (const PlacedCloud& cloud : clouds) {
+  explicit PlacedPoints(const std::vector<PlacedCloud<Cloud>>& clouds) : clouds_(clouds) {
+    for (const PlacedCloud<Cloud>& cloud : clouds) {
       begins_.push_back(size_);
       size_ += cloud.points->size();
     }
@@ -31,7 +32,7 @@ class PlacedPoints {
 
   SurfacePoint operator[](size_t index) const {
     const auto next = std::upper_bound(begins_.begin(), begins_.end(), index);
-    const PlacedCloud& cloud = clouds_[static_cast<size_t>(next - begins_.begin()) - 1];
+    const PlacedCloud<Cloud>& cloud = clouds_[static_cast<size_t>(next - begins_.begin()) - 1];
     SurfacePoint point = (*cloud.points)[index - *std::prev(next)];
     point.position = ToVec3f(cloud.target_from_cloud * (cloud.scale * ToEigen(point.position)));
     point.normal = ToVec3f(cloud.target_from_cloud.linear() * ToEigen(point.normal));
@@ -39,7 +40,7 @@ class PlacedPoints {
   }
 
  private:
-  const std::vector<PlacedCloud>& clouds_;
+  const std::vector<PlacedCloud<Cloud>>& clouds_;
   std::vector<size_t> begins_;
   size_t size_ = 0;
 };
@@ -125,11 +126,10 @@ SurfacePoint AverageVoxel(const PointCloud& members) {
   return mean.Mean();
 }
 
-}  // namespace
-
-PointCloud MergeClouds(const std::vector<PlacedCloud>& clouds, float voxel_size) {
+template <class Cloud>
+PointCloud MergeAll(const std::vector<PlacedCloud<Cloud>>& clouds, float voxel_size) {
   CheckVoxelSize(voxel_size);
-  const PlacedPoints points(clouds);
+  const PlacedPoints<Cloud> points(clouds);
   CheckRange("number of points", points.size(), size_t{0}, size_t{std::numeric_limits<uint32_t>::max()});
   std::vector<VoxelEntry> entries(points.size());
   tbb::parallel_for(size_t{0}, points.size(), [&](size_t i) { entries[i] = Locate(points[i], i, voxel_size); });
@@ -152,8 +152,18 @@ PointCloud MergeClouds(const std::vector<PlacedCloud>& clouds, float voxel_size)
   return means;
 }
 
+}  // namespace
+
+PointCloud MergeClouds(const std::vector<PlacedCloud<PointCloud>>& clouds, float voxel_size) {
+  return MergeAll(clouds, voxel_size);
+}
+
+PointCloud MergeClouds(const std::vector<PlacedCloud<PackedCloud>>& clouds, float voxel_size) {
+  return MergeAll(clouds, voxel_size);
+}
+
 PointCloud VoxelFilter(const PointCloud& points, float voxel_size) {
-  return MergeClouds({{RigidTransform::Identity(), &points}}, voxel_size);
+  return MergeAll<PointCloud>({{RigidTransform::Identity(), &points}}, voxel_size);
 }
 
 void CheckPoints(const PointCloud& points, float voxel_size) {

@@ -47,7 +47,7 @@ struct PointMatch {
 
 RegisteredView MakeRegisteredView(const SessionKeyframe& keyframe, double voxel_size) {
   RegisteredView view;
-  const PointCloud& points = *keyframe.points_in_camera;
+  const PointCloud points = keyframe.points_in_camera->Unpack();
   if (points.empty()) return view;
   view.maps = SplatPoints(points, keyframe.pose.world_from_cam, PointSpacing(points, voxel_size));
   const ColorImage& color = view.maps.color;
@@ -93,7 +93,7 @@ std::vector<size_t> SpreadOut(const std::vector<SessionKeyframe>& keyframes) {
   std::vector<Place> places;
   for (const SessionKeyframe& keyframe : keyframes) {
     Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-    const PointCloud& points = *keyframe.points_in_camera;
+    const PointCloud points = keyframe.points_in_camera->Unpack();
     for (const SurfacePoint& p : points) middle += Eigen::Vector3d(p.position.x, p.position.y, p.position.z);
     middle = keyframe.pose.world_from_cam * (middle / static_cast<double>(std::max<size_t>(1, points.size())));
     places.emplace_back();
@@ -250,7 +250,7 @@ FoundTransform CountAgreeing(const MapSession& session, const std::vector<Regist
     const RigidTransform map_from_cam = map_from_session * keyframe.pose.world_from_cam;
     const size_t step = 1 + keyframe.points_in_camera->size() / 2000;
     for (size_t i = 0; i < keyframe.points_in_camera->size(); i += step) {
-      const Vec3f& p = (*keyframe.points_in_camera)[i].position;
+      const Vec3f p = (*keyframe.points_in_camera)[i].position;
       const Eigen::Vector3d point = map_from_cam * Eigen::Vector3d(p.x, p.y, p.z);
       bool is_seen = false, is_on_surface = false;
       for (const RegisteredView& view : map) {

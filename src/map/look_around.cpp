@@ -139,7 +139,7 @@ bool MapStore::LookAroundNext() {
   struct Looked {
     KeyframeKey key;
     Keyframe keyframe;
-    std::shared_ptr<const PointCloud> points_before;
+    PackedCloudPtr points_before;
   };
   std::vector<Looked> all(1);  // the keyframe that looks, as it was added, and those around it
   double voxel_size = 0;
@@ -162,16 +162,16 @@ bool MapStore::LookAroundNext() {
     }
   }
   const auto seen_by = [&](const Keyframe& keyframe) {
-    const PointCloud& points = *keyframe.points_in_camera;
+    const PointCloud points = keyframe.points_in_camera->Unpack();
     return SplatPoints(points, RigidTransform::Identity(), PointSpacing(points, voxel_size));
   };
   const auto take = [](const SurfaceMaps& seen, const Keyframe& later, Keyframe* earlier) {
     const Similarity pose = LaterFromEarlier(later.as_sent, later.pose, earlier->as_sent, earlier->pose);
-    auto points = std::make_shared<PointCloud>(*earlier->points_in_camera);
+    PointCloud points = earlier->points_in_camera->Unpack();
     auto views = earlier->later_views ? std::make_shared<std::vector<LaterViews>>(*earlier->later_views)
-                                      : std::make_shared<std::vector<LaterViews>>(points->size());
-    if (!TakeLaterView(seen, pose, points.get(), views.get())) return;
-    earlier->points_in_camera = std::move(points);
+                                      : std::make_shared<std::vector<LaterViews>>(points.size());
+    if (!TakeLaterView(seen, pose, &points, views.get())) return;
+    earlier->points_in_camera = std::make_shared<const PackedCloud>(points);
     earlier->later_views = std::move(views);
   };
   Keyframe& added = all[0].keyframe;
@@ -183,7 +183,7 @@ bool MapStore::LookAroundNext() {
   }
   std::lock_guard<std::mutex> lock(mutex_);
   for (Looked& looked : all) {
-    const std::shared_ptr<const PointCloud>& before = looked.points_before;
+    const PackedCloudPtr& before = looked.points_before;
     const auto keyframe = keyframes_.find(looked.key);
     const bool is_changed = looked.keyframe.points_in_camera != before;
     // It may have gone meanwhile, or have other points.

@@ -38,8 +38,9 @@ std::string ImageNameOf(const PlacedKeyframe& keyframe, std::set<std::string>* n
 
 /// What the keyframe's camera sees of its points.
 SurfaceMaps SeenBy(const PlacedKeyframe& keyframe, const PosedCamera& camera, double voxel_size) {
-  const double spacing = keyframe.scale * PointSpacing(*keyframe.points_in_camera, voxel_size);
-  return SplatPoints(Scaled(*keyframe.points_in_camera, keyframe.scale), camera, spacing);
+  const PointCloud points = keyframe.points_in_camera->Unpack();
+  const double spacing = keyframe.scale * PointSpacing(points, voxel_size);
+  return SplatPoints(Scaled(points, keyframe.scale), camera, spacing);
 }
 
 }  // namespace

@@ -72,7 +72,9 @@ MapSession MapStore::Session() const {
       saved.pose.refined->received = keyframe.pose.world_from_cam;
       saved.pose.refined->refined.scale *= scale;
     }
-    if (scale != 1) saved.points_in_camera = std::make_shared<const PointCloud>(Scaled(*saved.points_in_camera, scale));
+    if (scale != 1) {
+      saved.points_in_camera = std::make_shared<const PackedCloud>(Scaled(saved.points_in_camera->Unpack(), scale));
+    }
     session.keyframes.push_back(std::move(saved));
   }
   return session;
@@ -88,7 +90,7 @@ PlacedKeyframes MapStore::Placed() const {
 MapCloud MapStore::WorldCloud() const { return CloudOf(Placed()); }
 
 MapCloud CloudOf(const PlacedKeyframes& map) {
-  std::vector<PlacedCloud> clouds;
+  std::vector<PlacedCloud<PackedCloud>> clouds;
   for (const PlacedKeyframe& keyframe : map.keyframes) {
     if (keyframe.points_in_camera->empty()) continue;
     clouds.push_back({keyframe.world_from_cam, keyframe.points_in_camera.get(), keyframe.scale});

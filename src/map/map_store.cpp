@@ -66,7 +66,7 @@ MapStore::ThinnedPoints MapStore::Thinned(const PointCloud& points) const {
     thinned.voxel_size = VoxelSize();
   }
   if (points.empty()) {
-    thinned.points = std::make_shared<const PointCloud>();
+    thinned.points = std::make_shared<const PackedCloud>();
     return thinned;
   }
   if (thinned.voxel_size == 0) {
@@ -74,8 +74,9 @@ MapStore::ThinnedPoints MapStore::Thinned(const PointCloud& points) const {
     if (!(depth > 0)) throw InvalidInputError(Concat("median depth of the points = ", depth, ": must be > 0"));
     thinned.voxel_size = kAutoVoxelRatio * depth;
   }
-  thinned.points = std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(thinned.voxel_size)));
-  thinned.reach = ReachOf(*thinned.points);
+  const PointCloud means = VoxelFilter(points, static_cast<float>(thinned.voxel_size));
+  thinned.points = std::make_shared<const PackedCloud>(means);
+  thinned.reach = ReachOf(means);
   return thinned;
 }
 
@@ -182,7 +183,7 @@ bool MapStore::Replace(const KeyframeKey& key, const KeyframePose& pose, const P
   corrected.reach = thinned.reach;
   keyframe->second.as_sent.world_from_cam = pose.refined ? pose.world_from_cam : corrected.received;
   keyframe->second.as_sent.refined = pose.refined;
-  std::shared_ptr<const PointCloud>& points = keyframe->second.points_in_camera;
+  PackedCloudPtr& points = keyframe->second.points_in_camera;
   statistics_.points += thinned.points->size();
   statistics_.points -= points->size();
   points = std::move(thinned.points);
@@ -353,13 +354,13 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
     try {
       keyframe.pose.world_from_cam = world_from_session * keyframe.pose.world_from_cam;
       if (keyframe.pose.refined) keyframe.pose.refined->received = world_from_session * keyframe.pose.refined->received;
-      const PointCloud& points = *keyframe.points_in_camera;
+      PointCloud points = keyframe.points_in_camera->Unpack();
       if (!points.empty()) CheckPoints(points, static_cast<float>(voxel_size));
       if (!points.empty() && voxel_size != session.voxel_size) {
-        auto thinned = std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(voxel_size)));
-        keyframe.points_in_camera = std::move(thinned);
+        points = VoxelFilter(points, static_cast<float>(voxel_size));
+        keyframe.points_in_camera = std::make_shared<const PackedCloud>(points);
       }
-      reaches.push_back(ReachOf(*keyframe.points_in_camera));
+      reaches.push_back(ReachOf(points));
       CheckDistance(keyframe.pose.world_from_cam, reaches.back(), origin, voxel_size);
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(NameOf(keyframe.key), ": ", error.what()));

@@ -91,7 +91,7 @@ MapMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options) {
   }
   std::vector<double> spacings;
   for (const PlacedKeyframe& keyframe : placed.keyframes) {
-    spacings.push_back(keyframe.scale * PointSpacing(*keyframe.points_in_camera, placed.voxel_size));
+    spacings.push_back(keyframe.scale * PointSpacing(keyframe.points_in_camera->Unpack(), placed.voxel_size));
   }
   const double voxel_size = std::max(Median(spacings), placed.voxel_size);
   DistanceVolume volume(
@@ -100,10 +100,8 @@ MapMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options) {
     const PlacedKeyframe& keyframe = placed.keyframes[i];
     options.check();
     if (spacings[i] == 0) continue;
-    const PointCloud& points = *keyframe.points_in_camera;
-    const SurfaceMaps maps = keyframe.scale == 1
-                                 ? SplatPoints(points, keyframe.world_from_cam, spacings[i])
-                                 : SplatPoints(Scaled(points, keyframe.scale), keyframe.world_from_cam, spacings[i]);
+    const PointCloud points = Scaled(keyframe.points_in_camera->Unpack(), keyframe.scale);
+    const SurfaceMaps maps = SplatPoints(points, keyframe.world_from_cam, spacings[i]);
     if (!maps.depth.empty()) volume.Integrate(maps.View());
   }
   return {volume.ExtractMesh(), placed.origin, placed.keyframes.size()};

@@ -52,7 +52,9 @@ std::optional<OccupancyMap::Rays> OccupancyMap::FindRays(const PlacedKeyframe& k
   const octomap::OcTreeKey from = tree_->coordToKey(ToPoint(camera));
   Rays rays;
   octomap::KeySet ends;
-  for (const SurfacePoint& point : *keyframe.points_in_camera) {
+  const PackedCloud& points = *keyframe.points_in_camera;
+  for (size_t i = 0; i < points.size(); ++i) {
+    const SurfacePoint point = points[i];
     if (point.confidence < kMinOccupancyConfidence) continue;
     const Vec3f& p = point.position;
     const Eigen::Vector3d end = keyframe.world_from_cam * (keyframe.scale * Eigen::Vector3d(p.x, p.y, p.z));

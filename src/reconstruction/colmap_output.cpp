@@ -18,7 +18,7 @@ constexpr double kVoxelShare = 0.005;  // of the median depth, as in the online 
 /// One point per voxel of all clouds; empty where they are.
 PointCloud ThinnedClouds(const std::vector<PointCloud>& clouds, const std::vector<ColmapModelImage>& images) {
   std::vector<double> depths;
-  std::vector<PlacedCloud> placed;
+  std::vector<PlacedCloud<PointCloud>> placed;
   for (size_t i = 0; i < clouds.size(); ++i) {
     if (clouds[i].empty()) continue;
     std::vector<double> of_image(clouds[i].size());

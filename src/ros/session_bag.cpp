@@ -39,7 +39,7 @@ void WriteValue(const char* topic, const ros::Time& time, Value value, BagWriter
 /// What the camera of a keyframe sees of its points.
 void WriteImages(const SessionKeyframe& keyframe, double voxel_size, const ros::Time& time,
                  const std_msgs::Header& header, BagWriter* bag) {
-  const PointCloud& points = *keyframe.points_in_camera;
+  const PointCloud points = keyframe.points_in_camera->Unpack();
   const SurfaceMaps maps =
       SplatPoints(points, PosedCamera{keyframe.pose.camera, keyframe.pose.world_from_cam.inverse()},
                   PointSpacing(points, voxel_size));
@@ -97,7 +97,7 @@ Session ReadOpened(const rosbag::Bag& bag, size_t max_bytes, const KeepImage& ke
       if (keyframe.points_in_camera) throw InvalidInputError(Concat("count = ", message.count, " comes twice"));
       KeyframePointsHead head = ReadHead(message, max_bytes);
       keyframe = {std::move(head.key), std::move(head.pose),
-                  std::make_shared<const PointCloud>(ToPointCloud(message.points))};
+                  std::make_shared<const PackedCloud>(ToPointCloud(message.points))};
       if (keep_image) keyframe.image = keep_image(message);
       session.world_frame = head.world_frame;
     } catch (const InvalidInputError& error) {
@@ -118,7 +118,7 @@ void WriteSession(const std::filesystem::path& path, const Session& session, con
   for (const SessionKeyframe& keyframe : keyframes) {
     check();
     const KeyframePointsHead head = {keyframe.key, keyframe.pose, session.world_frame};
-    const acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, *keyframe.points_in_camera);
+    const acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, keyframe.points_in_camera->Unpack());
     const ros::Time time = std::max(message->header.stamp, ros::TIME_MIN);
     if (count == 0) {
       WriteValue<std_msgs::UInt32>(kVersionTopic, time, kSessionVersion, &bag);

@@ -61,8 +61,8 @@ TEST(FindTransformTest, AnotherPlaceIsRefused) {
   EXPECT_REFUSED(FindTransform(street, RoomMap()), "no place was found");
   EXPECT_REFUSED(FindTransform({}, RoomMap()), "at most 0 matches support one");
   MapSession one_point = MapOf(RoomViews(), 0, 1, RigidTransform::Identity());
-  const SurfacePoint point = one_point.keyframes[0].points_in_camera->front();
-  one_point.keyframes[0].points_in_camera = std::make_shared<const PointCloud>(PointCloud{point});
+  const SurfacePoint point = one_point.keyframes[0].points_in_camera->Unpack().front();
+  one_point.keyframes[0].points_in_camera = std::make_shared<const PackedCloud>(PointCloud{point});
   EXPECT_REFUSED(FindTransform(RoomMap(), one_point), "at most 0 matches support one");
 }
 
@@ -98,9 +98,9 @@ TEST(FindTransformTest, AnotherScaleIsRefused) {
   half.voxel_size /= 2;
   for (SessionKeyframe& keyframe : half.keyframes) {
     keyframe.pose.world_from_cam.translation() /= 2;
-    PointCloud points = *keyframe.points_in_camera;
+    PointCloud points = keyframe.points_in_camera->Unpack();
     for (SurfacePoint& point : points) point.position = 0.5f * point.position;
-    keyframe.points_in_camera = std::make_shared<const PointCloud>(points);
+    keyframe.points_in_camera = std::make_shared<const PackedCloud>(points);
   }
   EXPECT_REFUSED(FindTransform(RoomMap(), half), "times as large: must be of the same scale");
 }

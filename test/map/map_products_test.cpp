@@ -23,7 +23,7 @@ void AddTo(MapStore* store, const PlacedKeyframes& keyframes) {
   for (size_t i = 0; i < keyframes.keyframes.size(); ++i) {
     const PlacedKeyframe& keyframe = keyframes.keyframes[i];
     EXPECT_TRUE(store->Add({"mapper", 0, i}, {static_cast<int64_t>(i) * 1000000000, keyframe.world_from_cam, {}},
-                           *keyframe.points_in_camera));
+                           keyframe.points_in_camera->Unpack()));
   }
 }
 
@@ -131,7 +131,7 @@ TEST_F(MapColmapTest, TheModelHasImagesPosesAndPointsWithTracks) {
 TEST_F(MapColmapTest, ScalesCountAndImagesMayBeLarger) {
   WriteColmapFolder(folder() / "as_it_is.colmap", map_);
   for (PlacedKeyframe& keyframe : map_.keyframes) {
-    keyframe.points_in_camera = std::make_shared<const PointCloud>(Scaled(*keyframe.points_in_camera, 0.5));
+    keyframe.points_in_camera = std::make_shared<const PackedCloud>(Scaled(keyframe.points_in_camera->Unpack(), 0.5));
     keyframe.scale = 2;
   }
   ColorImage large(320, 240);
@@ -145,7 +145,7 @@ TEST_F(MapColmapTest, ScalesCountAndImagesMayBeLarger) {
 
 TEST_F(MapColmapTest, WhatHasNoImageOrPointsIsLeftOutAndCounted) {
   map_.keyframes[0].image.reset();
-  map_.keyframes[2].points_in_camera = std::make_shared<const PointCloud>();
+  map_.keyframes[2].points_in_camera = std::make_shared<const PackedCloud>();
   map_.keyframes[1].mapper += std::string(230, 'r');
   map_.keyframes[4].stamp_ns = map_.keyframes[3].stamp_ns;  // of another run
   const ColmapFolder written = WriteColmapFolder(Path(), map_);
@@ -229,7 +229,7 @@ class MapImagesTest : public MapColmapTest {
     pose.stamp_ns = stamp_ns;
     pose.world_from_cam = keyframe.world_from_cam;
     pose.camera = keyframe.camera;
-    ASSERT_TRUE(store_->Add({mapper, 1, id}, pose, *keyframe.points_in_camera, keyframe.image));
+    ASSERT_TRUE(store_->Add({mapper, 1, id}, pose, keyframe.points_in_camera->Unpack(), keyframe.image));
     ASSERT_LE(store_->statistics().image_bytes, 4 * bytes_ + bytes_ / 2);
   }
   std::vector<uint64_t> Kept() const {

@@ -163,9 +163,9 @@ TEST(MapSession, AllOrNothing) {
     return ErrorOf([&] { store.Join(bad, RigidTransform::Identity()); });
   };
   const auto replace = [](SessionKeyframe* keyframe, const std::function<void(PointCloud*)>& change) {
-    PointCloud points = *keyframe->points_in_camera;
+    PointCloud points = keyframe->points_in_camera->Unpack();
     change(&points);
-    keyframe->points_in_camera = std::make_shared<const PointCloud>(std::move(points));
+    keyframe->points_in_camera = std::make_shared<const PackedCloud>(points);
   };
   EXPECT_THAT(refusal([](auto* s) { s->keyframes[1].key.id = 8; }),
               HasAll("keyframe 8 of \"a\", run 1", "in the map already", "reset"));

@@ -16,7 +16,7 @@ PlacedKeyframe Keyframe(const PointCloud& points) {
   PlacedKeyframe keyframe;
   keyframe.world_from_cam.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   keyframe.world_from_cam.translation() << 0, 0, 1;
-  keyframe.points_in_camera = std::make_shared<const PointCloud>(points);
+  keyframe.points_in_camera = std::make_shared<const PackedCloud>(points);
   return keyframe;
 }
 

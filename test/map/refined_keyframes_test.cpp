@@ -53,7 +53,7 @@ void FillRefined(MapStore* store, int count = kKeyframes) {
 std::vector<Eigen::Vector3d> PointsOf(const MapStore& store) {
   std::vector<Eigen::Vector3d> points;
   for (const PlacedKeyframe& keyframe : store.Placed().keyframes) {
-    const Vec3f& p = keyframe.points_in_camera->front().position;
+    const Vec3f p = (*keyframe.points_in_camera)[0].position;
     points.push_back(keyframe.world_from_cam * (keyframe.scale * Eigen::Vector3d(p.x, p.y, p.z)));
   }
   return points;
@@ -113,7 +113,7 @@ TEST(RefinedKeyframes, ComeBackFromASessionAsTheyWere) {
     // Points are rounded to float32 once more, values below 10.
     for (size_t i = 0; i < before.size(); ++i) EXPECT_LT((before[i] - after[i]).norm(), kRounding) << i;
     for (const SessionKeyframe& saved : store.Session().keyframes) {
-      const Vec3f& p = saved.points_in_camera->front().position;
+      const Vec3f p = (*saved.points_in_camera)[0].position;
       const Eigen::Vector3d point = saved.pose.world_from_cam * Eigen::Vector3d(p.x, p.y, p.z);
       EXPECT_LT((point - before[saved.key.id]).norm(), kRounding) << "readers of the file need nothing else";
     }

@@ -47,7 +47,7 @@ inline PlacedKeyframes RoomKeyframes(const std::vector<SyntheticView>& views, do
   for (const SyntheticView& view : views) {
     const PointCloud points = PointsOf(view, [] { return 1.0; });
     map.keyframes.push_back({view.frame.cam_from_world.inverse(), 1,
-                             std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(voxel_size)))});
+                             std::make_shared<const PackedCloud>(VoxelFilter(points, static_cast<float>(voxel_size)))});
   }
   return map;
 }

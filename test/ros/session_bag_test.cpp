@@ -52,7 +52,7 @@ std::unique_ptr<MapStore> RoomMap() {
     if (i > 0) path.child_from_cam = keyframe.world_from_cam;
     EXPECT_TRUE(store->Add({"/acmp/dense_mapper", 1700000000123456789, i},
                            {StampOf(i), keyframe.world_from_cam, path, "path", "camera", Room()[i].frame.camera},
-                           *keyframe.points_in_camera));
+                           keyframe.points_in_camera->Unpack()));
   }
   return store;
 }

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "acmp_mapping/fusion/packed_cloud.h"
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
 
@@ -19,16 +20,18 @@ void CheckPoints(const PointCloud& points, float voxel_size);
 /// Positions times `scale`, rounded to float32.
 PointCloud Scaled(PointCloud points, double scale);
 
-/// Somebody else's cloud and where it lies.
+/// Somebody else's PointCloud or PackedCloud and where it lies.
+template <class Cloud>
 struct PlacedCloud {
   RigidTransform target_from_cloud = RigidTransform::Identity();
-  const PointCloud* points = nullptr;
+  const Cloud* points = nullptr;
   double scale = 1;  ///< of the positions, before they are moved
 };
 
 /// VoxelFilter of all clouds in the target frame, one after the other: positions are scaled and moved and normals
 /// rotated, then rounded to float32. Needs 32 bytes per point besides the result, since points are moved when they are
 /// read and never stored.
-PointCloud MergeClouds(const std::vector<PlacedCloud>& clouds, float voxel_size);
+PointCloud MergeClouds(const std::vector<PlacedCloud<PointCloud>>& clouds, float voxel_size);
+PointCloud MergeClouds(const std::vector<PlacedCloud<PackedCloud>>& clouds, float voxel_size);
 
 }  // namespace acmp

@@ -11,7 +11,7 @@
 #include <tuple>
 #include <vector>
 
-#include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/fusion/packed_cloud.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
 #include "acmp_mapping/geometry/similarity.h"
@@ -96,9 +96,9 @@ struct LaterViews {
 /// A keyframe as it goes to a file and comes back.
 struct SessionKeyframe {
   KeyframeKey key;
-  KeyframePose pose;                                   ///< as in use
-  std::shared_ptr<const PointCloud> points_in_camera;  ///< scaled as in use
-  StoredImagePtr image = nullptr;                      ///< or none
+  KeyframePose pose;                ///< as in use
+  PackedCloudPtr points_in_camera;  ///< scaled as in use
+  StoredImagePtr image = nullptr;   ///< or none
 };
 
 /// All of a map, for another one.
@@ -137,7 +137,7 @@ struct MapStatistics {
 struct PlacedKeyframe {
   RigidTransform world_from_cam = RigidTransform::Identity();  ///< in use
   double scale = 1;                                            ///< of the points' positions, before they are moved
-  std::shared_ptr<const PointCloud> points_in_camera;
+  PackedCloudPtr points_in_camera;
   int64_t stamp_ns = 0;
   std::string mapper = {};
   PinholeCamera camera = {};       ///< of the keyframe's maps
@@ -236,7 +236,7 @@ class MapStore {
   struct ToLook {
     KeyframeKey key;
     KeyframePose as_sent;
-    std::shared_ptr<const PointCloud> points_in_camera;
+    PackedCloudPtr points_in_camera;
     std::vector<KeyframeKey> around;  ///< at most kMaxLookedAt
   };
   struct Keyframe {
@@ -244,7 +244,7 @@ class MapStore {
     CorrectedPose pose;
     KeyframePose as_sent;
     bool joined = false;  ///< by Join: stays when its mapper begins a new run
-    std::shared_ptr<const PointCloud> points_in_camera;
+    PackedCloudPtr points_in_camera;
     std::shared_ptr<const std::vector<LaterViews>> later_views;  ///< one per point; null: nobody has looked
     uint64_t points_arrival = 0;
     StoredImagePtr image;
@@ -270,7 +270,7 @@ class MapStore {
 
   /// A keyframe's points, one per voxel.
   struct ThinnedPoints {
-    std::shared_ptr<const PointCloud> points;
+    PackedCloudPtr points;
     double reach = 0;       ///< distance of the farthest from the camera
     double voxel_size = 0;  ///< the map's, or that of the points where it has none; 0: there are no points either
   };
