@@ -43,7 +43,7 @@ touch "$out/$record"
 "$bin/acmp_check_bag" "$out/room.bag"
 
 step "mapping"
-scripts/save_demo_output.py "$out/room.bag" "$out" --timeout 1200 rviz:=$show preset:=online device:="${DEVICE:-}"
+scripts/save_demo_output.py "$out/room.bag" "$out" --timeout 1200 rviz:=$show z_up:=true preset:=online device:="${DEVICE:-}"
 
 step "against the ground truth"
 echo "-- low-latency maps (before the geometric passes)"

@@ -147,6 +147,26 @@ void OccupancyMap::Write(const std::filesystem::path& path) const {
 
 size_t OccupancyMap::nodes() const { return tree_->size(); }
 
+bool ZPointsUp(const std::vector<PlacedKeyframe>& keyframes) {
+  constexpr double kTilt = 0.5;      // 30 degrees to a side on average; 60 degrees of pitch
+  constexpr double kBackward = 0.2;  // what looks down may look back a little
+  double squared_x = 0;              // of the z components of the cameras' axes
+  Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
+  double captures = 0;
+  const PlacedKeyframe* before = nullptr;
+  for (const PlacedKeyframe& keyframe : keyframes) {
+    const bool is_other_face = before && before->stamp_ns == keyframe.stamp_ns && before->mapper == keyframe.mapper;
+    before = &keyframe;
+    if (is_other_face) continue;
+    const Eigen::RowVector3d z = keyframe.world_from_cam.linear().row(2);
+    squared_x += z.x() * z.x();
+    sum += z;
+    ++captures;
+  }
+  const bool looks_down = -sum.z() > kTilt * captures && -sum.y() > -kBackward * captures;
+  return squared_x < kTilt * kTilt * captures && (-sum.y() > kTilt * captures || looks_down);
+}
+
 std::unique_ptr<OccupancyMap> MakeOccupancyMap(const PlacedKeyframes& map, double resolution,
                                                const OccupancyLimits& limits) {
   if (map.keyframes.empty() || !(map.voxel_size > 0))

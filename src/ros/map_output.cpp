@@ -119,6 +119,14 @@ void MapOutput::PublishOccupancy() {
   occupancy_pace_.Begin(header.frame_id.empty() ? 0 : version);
   const PlacedKeyframes map = map_->Placed();
   if (header.frame_id.empty() || map.keyframes.empty() || map.voxel_size == 0) return;
+  if (!options_.z_up && !ZPointsUp(map.keyframes)) {
+    report_(
+        {"occupancy_not_upright",
+         Concat("occupancy is empty: by the cameras z of \"", header.frame_id,
+                "\" does not point up (frontends of one camera without an IMU have a world whose z points forward). "
+                "Set ~z_up if it does, and cameras are mounted on their side")});
+    return PublishOf(emptied, occupancy_, ToOccupancyGrid({}, header));
+  }
   std::string coarse;
   OccupancySlice slice =
       MakeOccupancy(map, &coarse)

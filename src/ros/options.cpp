@@ -332,6 +332,9 @@ OptionList OptionsOf(MapServerOptions* o) {
               "this is the lower one, above the floor");
   list.Number("occupancy_max_height", &o->occupancy_max_height, -1e6, 1e6, kPoseUnit,
               "The upper one: the height of the robot");
+  list.Flag("z_up", &o->z_up,
+            "z of the world points up from a floor at 0. If false, occupancy is empty where cameras are not upright in "
+            "a world whose z points up, as is that of most frontends of one camera");
   list.Number("memory_limit", &o->memory_limit_gb, 0.01, 1000, "GB",
               "What one keyframe or session may take while it is saved, loaded or published: more is refused before "
               "memory is asked for, and occupancy gets larger cells");

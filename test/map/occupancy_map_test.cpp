@@ -42,6 +42,41 @@ Occupancy At(const OccupancyMap& map, const Eigen::Vector3d& point) {
   return At(map.Slice(bottom, bottom + map.resolution()), point.x(), point.y());
 }
 
+/// Of a camera in a world, after turning it in place about its own axes (degrees).
+PlacedKeyframe Turned(const Eigen::Matrix3d& world_from_cam, double pitch_up, double roll, double yaw) {
+  PlacedKeyframe keyframe;
+  const auto turn = [](double degrees, const Eigen::Vector3d& axis) {
+    return Eigen::AngleAxisd(degrees * M_PI / 180, axis);
+  };
+  keyframe.world_from_cam.linear() =
+      world_from_cam * (turn(yaw, Eigen::Vector3d::UnitY()) * turn(pitch_up, Eigen::Vector3d::UnitX()) *
+                        turn(roll, Eigen::Vector3d::UnitZ()))
+                           .toRotationMatrix();
+  return keyframe;
+}
+
+TEST(OccupancyMapTest, CamerasTellWhetherZPointsUp) {
+  const Eigen::Matrix3d z_up = Keyframe({}).world_from_cam.linear();
+  const Eigen::Matrix3d z_forward = Eigen::Matrix3d::Identity();
+  const Eigen::Matrix3d z_down = Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX()) * z_up;
+  for (const double yaw_step : {0.0, 30.0}) {  // one that looks ahead, one that turns all around
+    const auto says = [&](const Eigen::Matrix3d& world_from_cam, double pitch_up, double roll = 0) {
+      std::vector<PlacedKeyframe> keyframes;
+      for (int i = 0; i < 12; ++i) {
+        keyframes.push_back(Turned(world_from_cam, pitch_up + 5 * (i % 3 - 1), roll + 7 * (i % 2), yaw_step * i));
+        keyframes.back().stamp_ns = i;
+      }
+      return ZPointsUp(keyframes);
+    };
+    for (const double pitch : {-85.0, -45.0, 0.0, 45.0}) EXPECT_TRUE(says(z_up, pitch)) << pitch << ", " << yaw_step;
+    EXPECT_FALSE(says(z_up, 0, 90)) << "mounted on its side";
+    for (const double pitch : {-20.0, 0.0, 20.0}) EXPECT_FALSE(says(z_forward, pitch)) << pitch << ", " << yaw_step;
+    for (const double pitch : {-85.0, 0.0, 45.0}) EXPECT_FALSE(says(z_down, pitch)) << pitch << ", " << yaw_step;
+  }
+  std::vector<PlacedKeyframe> faces = {Turned(z_up, 0, 0, 0), Turned(z_up, 90, 0, 0), Turned(z_up, -90, 0, 0)};
+  EXPECT_TRUE(ZPointsUp(faces)) << "of one capture, the face ahead";
+}
+
 TEST(OccupancyMapTest, RaysAreFreeEndsAreOccupiedTheRestIsUnknown) {
   OccupancyMap map(0.05);
   map.Insert({Keyframe(Wall(2.02f))});

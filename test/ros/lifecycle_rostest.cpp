@@ -101,6 +101,8 @@ TEST_F(LifecycleTest, TheMapComesAndGoesWhileKeyframesAreMapped) {
     EXPECT_TRUE(Unload(kMapName)) << cycle;
     asking.join();
     EXPECT_THAT(LoadedNames(), ::testing::ElementsAre(kName));
+    EXPECT_TRUE(mapper().WaitForLog({"keyframes that came after the last save_map", "namespace:="}));
+    mapper().log.Clear();
   }
   mapper().depth.Clear();
   EXPECT_TRUE(mapper().depth.WaitForCount(1)) << "the mapper needs no map";

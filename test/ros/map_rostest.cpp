@@ -58,12 +58,13 @@ bool SamePoses(const nav_msgs::Path& path, const std::vector<RigidTransform>& po
 /// One run of the mapper up to the loop closure, for all cases.
 struct Session {
   // The map is compared with the points that were published: no keyframe is refined again. All of the scene is between
-  // the heights: it lies in the frame of its first camera, whose z points forward.
+  // the heights.
   MapperControl mapper{{{"refine_again", false}},
                        Parameters{{"voxel_size", kVoxelSize},
                                   {"map_publish_rate", 30.0},
                                   {"occupancy_min_height", -2.0},
                                   {"occupancy_max_height", 5.0}}};
+  LoadedNodelets high;  ///< a second map of the same keyframes
   std::vector<RigidTransform> true_poses, drifted_poses;
   Recorder<sensor_msgs::PointCloud2> points{mapper.nh, "points"};
   Recorder<sensor_msgs::PointCloud2> map{mapper.nh, "map_points"};
@@ -85,8 +86,10 @@ struct Session {
       for (Eigen::Vector3d& landmark : view.frame.landmarks_in_world) landmark = drift * landmark;
       views.push_back(std::move(view));
     }
-    mapped = WaitForSubscriber(optimized_path) && mapper.WaitUntilReady() && mapper.WaitForMapServer() &&
-             points.WaitForPublisher() && map.WaitForPublisher() && path.WaitForPublisher() &&
+    if (!WaitForSubscriber(optimized_path) || !mapper.WaitUntilReady() || !mapper.WaitForMapServer()) return;
+    high.LoadMapServer("/high/map_server", {{"occupancy_min_height", 100.0}, {"occupancy_max_height", 101.0}},
+                       {{"/high/keyframe_points", "/keyframe_points"}});
+    mapped = points.WaitForPublisher() && map.WaitForPublisher() && path.WaitForPublisher() &&
              mapper.Map(Messages(1000)) == kViews && points.WaitForCount(kViews);
   }
 
@@ -201,6 +204,14 @@ TEST_F(MapTest, D_OccupancyIsPublishedToWhoListens) {
   EXPECT_GT(occupied, 0);
 }
 
+/// The floor is not at 0, or the heights are those of another unit.
+TEST_F(MapTest, D_OccupancyWithoutCellsNamesTheHeights) {
+  Recorder<nav_msgs::OccupancyGrid> occupancy(session().mapper.nh, "/high/occupancy");
+  ASSERT_TRUE(occupancy.WaitForCount(1));
+  EXPECT_TRUE(occupancy.messages().back()->data.empty());
+  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"incident: occupancy_empty", "100", "101", kWorldFrame}));
+}
+
 /// Planners would go on seeing obstacles that are gone.
 TEST_F(MapTest, E_ResetForgetsCorrectionsAndEmptiesWhatIsLatched) {
   ASSERT_TRUE(session().mapper.Call("reset") && session().mapper.CallMap("reset"));
@@ -210,6 +221,22 @@ TEST_F(MapTest, E_ResetForgetsCorrectionsAndEmptiesWhatIsLatched) {
   EXPECT_TRUE(path.WaitForNewest([](const auto& newest) { return newest.poses.empty(); }));
   Recorder<nav_msgs::OccupancyGrid> occupancy(session().mapper.nh, "occupancy");
   EXPECT_TRUE(occupancy.WaitForNewest([](const auto& newest) { return newest.data.empty(); }));
+}
+
+/// Of a world whose z points forward heights tell nothing, though something of the map lies between them.
+TEST_F(MapTest, F_OccupancyIsEmptyWhereZDoesNotPointUp) {
+  RigidTransform forward_from_world = RigidTransform::Identity();
+  forward_from_world.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  for (SyntheticView& view : session().views) {
+    view.frame.cam_from_world = view.frame.cam_from_world * forward_from_world.inverse();
+    for (Eigen::Vector3d& landmark : view.frame.landmarks_in_world) landmark = forward_from_world * landmark;
+  }
+  ASSERT_EQ(session().mapper.Map(session().Messages(2000)), kViews);
+  Recorder<nav_msgs::OccupancyGrid> occupancy(session().mapper.nh, "occupancy");
+  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"incident: occupancy_not_upright", "z_up"}));
+  EXPECT_TRUE(occupancy.WaitForCount(1));
+  for (const auto& grid : occupancy.messages()) EXPECT_TRUE(grid->data.empty());
+  EXPECT_TRUE(session().map.WaitForNewest([](const auto& newest) { return newest.width * newest.height > 0; }));
 }
 
 }  // namespace acmp::test::map_rostest

@@ -78,7 +78,7 @@ bool UnloadNodelet(const std::string& name) {
 
 LoadedNodelets::LoadedNodelets(const Parameters& mapper, const std::optional<Parameters>& map_server,
                                const std::string& ns) {
-  if (map_server) Load(ns + "/map_server", "MapServerNodelet", *map_server, {});
+  if (map_server) LoadMapServer(ns + "/map_server", *map_server);
   LoadMapper(ns + "/dense_mapper", mapper);
 }
 
@@ -89,6 +89,11 @@ void LoadedNodelets::LoadMapper(const std::string& name, Parameters parameters,
                      {"preset", std::string("online")},
                      {"sparse_wait", 10.0}});
   Load(name, "DenseMapperNodelet", parameters, remap);
+}
+
+void LoadedNodelets::LoadMapServer(const std::string& name, const Parameters& parameters,
+                                   const std::map<std::string, std::string>& remap) {
+  Load(name, "MapServerNodelet", parameters, remap);
 }
 
 void LoadedNodelets::Load(const std::string& name, const std::string& type, const Parameters& parameters,

@@ -47,6 +47,8 @@ class LoadedNodelets {
   /// @param parameters over what suits tests: on the CPU, quick, and nothing is dropped or done without, however busy
   /// the machine is
   void LoadMapper(const std::string& name, Parameters parameters, const std::map<std::string, std::string>& remap = {});
+  void LoadMapServer(const std::string& name, const Parameters& parameters,
+                     const std::map<std::string, std::string>& remap = {});
 
  private:
   void Load(const std::string& name, const std::string& type, const Parameters& parameters,

@@ -69,7 +69,7 @@ def main():
         for bag in (metres, millimetres):
             processes.append(start_master())
             launch = subprocess.Popen(["roslaunch", "acmp_mapping", "demo.launch", f"bag:={bag}", "device:=cpu",
-                                       "preset:=online", "z_up:=false"])
+                                       "preset:=online"])
             processes.append(launch)
             shares = []
 

@@ -171,7 +171,15 @@ class LaunchFiles(unittest.TestCase):
         self.assertIn("/some.bag", node_of(config, "player").args)
         viewer = node_of(load("demo.launch", bag="/some.bag"), "viewer")
         self.assertTrue(Path(viewer.args.split()[1]).exists(), viewer.args)
-        self.assertIn("--occupancy", viewer.args)  # the synthetic room has its floor at 0
+
+    def test_z_up_is_told_to_map_and_viewer(self):
+        for launch, arguments in (("dense_mapper.launch", {}), ("demo.launch", {"bag": "/some.bag"})):
+            config = load(launch, "rviz:=true", **arguments)
+            self.assertNotIn("/acmp/map_server/z_up", [name for name, p in config.params.items() if p.value is True])
+            self.assertNotIn("--occupancy", node_of(config, "viewer").args)
+            config = load(launch, "rviz:=true", "z_up:=true", **arguments)
+            self.assertIs(config.params["/acmp/map_server/z_up"].value, True)
+            self.assertIn("--occupancy", node_of(config, "viewer").args)
 
     def test_rviz_is_started_in_the_mappers_namespace_when_asked_for(self):
         for launch in ("dense_mapper.launch", "frontends/ov2slam.launch"):

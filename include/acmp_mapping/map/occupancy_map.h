@@ -76,6 +76,11 @@ class OccupancyMap {
   std::unique_ptr<Tree> tree_;
 };
 
+/// Whether z of the world points up, by cameras that are tilted up or down, but hardly to a side (x is level), and whose
+/// images are upright or that look down. False for the world of most frontends of one camera, whose z points forward,
+/// and for cameras that are mounted on their side. A capture counts once.
+bool ZPointsUp(const std::vector<PlacedKeyframe>& keyframes);
+
 /// Of a whole map. Throws InvalidInputError for an empty one.
 /// @param resolution 0: kOccupancyVoxels voxels of the map. The result has the double of it, as often as the limits
 /// need
