@@ -15,6 +15,7 @@
 #include <future>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/input_conversion.h"
@@ -122,30 +123,60 @@ TEST_F(InputsTest, ImagesWaitForTheExtrinsicAndAreMappedWhenItComes) {
   EXPECT_TRUE(mapper.WaitForLog({"T_body_cam is taken from topic extrinsic"})) << "the choice is logged";
 }
 
-// The gate asks for the depth of the keyframes before, which are not mapped yet: the image waits, not who brings it.
-TEST(MapperWorkerTest, WithBlockNobodyWaitsToQueueAnImageForTheGate) {
-  NodeOptions options;
-  options.device = Device::kCpu;
-  options.overload = OverloadPolicy::kBlock;
-  options.keyframe_mode = KeyframeMode::kGate;
+/// A worker with a gate that begins to work when it is told to.
+struct HeldWorker {
+  explicit HeldWorker(OverloadPolicy overload) {
+    NodeOptions options;
+    options.device = Device::kCpu;
+    options.overload = overload;
+    options.keyframe_mode = KeyframeMode::kGate;
+    MapperWorker::Hooks hooks;
+    hooks.on_device = [this](const WorkerStatus&) { may_work.get_future().wait(); };
+    hooks.on_setting = [](const AutoPreset&, const std::string&) {};
+    worker.emplace(options, &shared, Mask(), &outputs, hooks);
+  }
+
+  /// An image of a camera that stands.
+  void Push(int64_t stamp_ns) {
+    KeyframeInput input;
+    input.stamp_ns = stamp_ns;
+    input.image = std::make_shared<const EncodedImage>(EncodedImage{boost::make_shared<sensor_msgs::Image>(), nullptr});
+    CameraCalibration calibration;
+    calibration.camera = {64, 48, 50, 50, 32, 24};
+    input.calibration = std::make_shared<const CameraCalibration>(calibration);
+    worker->Push(std::move(input));
+  }
+
   const SharedOptions shared{RuntimeOptions{}};
   const IncidentLog incidents;
-  OutputPublisher outputs(ros::NodeHandle("/held"), "held", &incidents, [](const RejectedInput&) {});
-  std::promise<void> go_on;
-  MapperWorker::Hooks hooks;
-  hooks.on_device = [&](const WorkerStatus&) { go_on.get_future().wait(); };
-  MapperWorker worker(options, &shared, {}, &outputs, hooks);
+  OutputPublisher outputs{ros::NodeHandle("/held"), "held", &incidents, [](const RejectedInput&) {}};
+  std::promise<void> may_work;
+  std::optional<MapperWorker> worker;
+};
+
+// The gate asks for the depth of the keyframes before, which are not mapped yet: the image waits, not who brings it.
+TEST(MapperWorkerTest, WithBlockNobodyWaitsToQueueAnImageForTheGate) {
+  HeldWorker held(OverloadPolicy::kBlock);
   std::future<void> pushed = std::async(std::launch::async, [&] {
-    for (const int64_t stamp_ns : {1, 2, 3}) {
-      KeyframeInput input;
-      input.stamp_ns = stamp_ns;
-      worker.Push(std::move(input));
-    }
+    for (const int64_t stamp_ns : {1, 2, 3}) held.Push(stamp_ns);
   });
   EXPECT_EQ(pushed.wait_for(std::chrono::seconds(30)), std::future_status::ready);
-  EXPECT_EQ(worker.queued(), 3u);
-  worker.Stop();
-  go_on.set_value();
+  EXPECT_EQ(held.worker->queued(), 3u);
+  held.worker->Stop();
+  held.may_work.set_value();
+}
+
+// What comes after a jump of the time is of another run, and has nothing to do with the keyframes before.
+TEST(MapperWorkerTest, TheGateBeginsAgainAfterATimeJump) {
+  for (const OverloadPolicy overload : {OverloadPolicy::kDrop, OverloadPolicy::kBlock}) {
+    HeldWorker held(overload);
+    for (const int64_t stamp_ns : {11, 12}) held.Push(stamp_ns);
+    held.worker->StartOver();
+    for (const int64_t stamp_ns : {1, 2}) held.Push(stamp_ns);
+    held.may_work.set_value();
+    EXPECT_EQ(held.worker->Flush(), "");
+    EXPECT_EQ(held.outputs.passed_over(), 2u) << "one of each run";
+  }
 }
 
 // A camera that hardly moves from each view to the next image: until matches have told the depth all are keyframes.
