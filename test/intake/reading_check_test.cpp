@@ -1,6 +1,10 @@
 #include "acmp_mapping/intake/reading_check.h"
 
+#include <algorithm>
+#include <chrono>
+#include <future>
 #include <random>
+#include <utility>
 
 #include <Eigen/Geometry>
 
@@ -148,6 +152,38 @@ TEST(ReadingCheckTest, ThinImagesTellNothing) {
     }
     EXPECT_THAT(check.Judge({}).text, IsEmpty()) << width << " x " << height;
   }
+}
+
+// It takes some tenths of a second, in which keyframes must not wait: of that time none waits for half, though a busy
+// machine may stop this thread now and then.
+TEST(ReadingCheckTest, KeyframesComeInWhileItJudges) {
+  using Clock = std::chrono::steady_clock;
+  constexpr int kSize = 480, kImages = 12, kMostRounds = 5;
+  Numbers numbers;
+  Frame frame;
+  frame.camera = {kSize, kSize, kSize, kSize, 0.5 * kSize, 0.5 * kSize};
+  frame.gray = GrayImage(kSize, kSize);
+  for (float& pixel : frame.gray) pixel = static_cast<float>(128 + 127 * numbers.Next());
+  bool waits = true;
+  for (int round = 0; round < kMostRounds && waits; ++round) {
+    ReadingCheck check;
+    for (int i = 0; i < kImages; ++i) {
+      frame.cam_from_world.translation().x() = i;
+      check.Add(frame);
+    }
+    std::future<Clock::duration> judge = std::async(std::launch::async, [&] {
+      const Clock::time_point begin = Clock::now();
+      check.Judge({});
+      return Clock::now() - begin;
+    });
+    Clock::duration longest{0};
+    for (Clock::time_point last = Clock::now(); judge.wait_for(std::chrono::seconds(0)) != std::future_status::ready;) {
+      check.Add(frame);
+      longest = std::max(longest, Clock::now() - std::exchange(last, Clock::now()));
+    }
+    waits = longest > judge.get() / 2;
+  }
+  EXPECT_FALSE(waits);
 }
 
 }  // namespace
