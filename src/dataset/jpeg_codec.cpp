@@ -8,7 +8,8 @@
 namespace acmp {
 namespace {
 
-constexpr int kQuality = 98;  // of 100: errors of a grey level, below sensor noise
+constexpr int kMaxScans = 100;  // encoders make 10 to 14; each costs the time of the whole image, and 12 bytes
+constexpr int kQuality = 98;    // of 100: errors of a grey level, below sensor noise
 
 using JpegHandle = std::unique_ptr<void, int (*)(tjhandle)>;
 
@@ -33,13 +34,23 @@ ImageSize ReadHeader(const std::filesystem::path& path, std::string_view content
   return {width, height};
 }
 
-/// Whether the image, from one marker to the next, comes to its end: neither a thumbnail's nor one in what follows it.
-bool HasEnd(std::string_view content) {
+/// What the image itself has, from one marker to the next: not a thumbnail, nor what follows it.
+struct Markers {
+  int scans = 0;
+  bool has_end = false;
+};
+
+Markers ReadMarkers(std::string_view content) {
+  Markers markers;
   const auto byte = [content](size_t at) { return static_cast<unsigned char>(content[at]); };
   size_t at = 2;
   while ((at = content.find('\xff', at)) != std::string_view::npos && at + 1 < content.size()) {
     const unsigned char marker = byte(at + 1);
-    if (marker == 0xd9) return true;
+    if (marker == 0xd9) {
+      markers.has_end = true;
+      break;
+    }
+    if (marker == 0xda) ++markers.scans;
     if (marker == 0xff) {  // fills up
       ++at;
     } else if (marker <= 0x01 || (marker >= 0xd0 && marker <= 0xd8)) {  // within a scan, or without a length
@@ -47,10 +58,10 @@ bool HasEnd(std::string_view content) {
     } else if (at + 3 < content.size()) {
       at += 2 + (size_t{byte(at + 2)} << 8) + byte(at + 3);
     } else {
-      return false;
+      break;
     }
   }
-  return false;
+  return markers;
 }
 
 /// Whether what the decoder warned of does no harm to the pixels: stray bytes between markers, which some cameras
@@ -71,6 +82,8 @@ ImageSize DecodeJpegSize(const std::filesystem::path& path, std::string_view con
 ColorImage DecodeJpeg(const std::filesystem::path& path, std::string_view content) {
   const JpegHandle decoder(tjInitDecompress(), tjDestroy);
   const ImageSize size = ReadHeader(path, content, decoder.get());
+  const Markers markers = ReadMarkers(content);
+  if (markers.scans > kMaxScans) Fail(path, Concat(markers.scans, " scans: at most ", kMaxScans));
   ColorImage image(size.width, size.height);
   if (tjDecompress2(decoder.get(), BytesOf(content), content.size(), reinterpret_cast<unsigned char*>(image.data()),
                     size.width, 0, size.height, TJPF_RGB, TJFLAG_ACCURATEDCT) != 0) {
@@ -78,7 +91,7 @@ ColorImage DecodeJpeg(const std::filesystem::path& path, std::string_view conten
     // that does no harm may hide that the file is cut.
     const std::string message = tjGetErrorStr2(decoder.get());
     if (tjGetErrorCode(decoder.get()) != TJERR_WARNING || !IsHarmless(message)) Fail(path, message);
-    if (!HasEnd(content)) Fail(path, "it has no end");
+    if (!markers.has_end) Fail(path, "it has no end");
   }
   return image;
 }

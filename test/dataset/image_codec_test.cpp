@@ -161,6 +161,15 @@ TEST_F(ImageCodecTest, HarmlessOdditiesOfJpegAreRead) {
   }
 }
 
+TEST_F(ImageCodecTest, AJpegOfEndlessScansIsRefusedBeforeTheyAreDecoded) {
+  WriteColorImage(folder() / "whole.jpg", SmoothColors(40, 40));
+  std::string content = ReadText(folder() / "whole.jpg");
+  const std::string scan =
+      content.substr(content.find("\xff\xda"), content.rfind("\xff\xd9") - content.find("\xff\xda"));
+  for (int i = 0; i < 100; ++i) content.insert(content.find("\xff\xda"), scan);
+  EXPECT_REFUSED(DecodeColorImage("a.jpg", content), "a.jpg", "101 scans: at most 100");
+}
+
 TEST_F(ImageCodecTest, GrayJpegBecomesRgbAndFourColoursAreRefused) {
   WriteJpeg(folder() / "a.jpg", 16, TJPF_GRAY, TJSAMP_GRAY, std::vector<unsigned char>(16 * 16, 76));
   const Rgb pixel = ReadColorImage(folder() / "a.jpg")(8, 8);
