@@ -99,6 +99,7 @@ void CheckIsFolderOrFile(const std::filesystem::path& path, std::filesystem::fil
 OutputFolder::OutputFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite, Use use)
     : path_(path) {
   MakeFolder(path_);
+  RefuseForeign();  // before the lock, which would be left there
   Lock(use == Use::kStages && !overwrite);
   try {
     TakeOver(record, overwrite, use == Use::kStages);
@@ -134,16 +135,19 @@ void OutputFolder::Lock(bool shared) {
   throw InvalidInputError(Concat(path_.string(), ": another run is writing to this folder right now"));
 }
 
+void OutputFolder::RefuseForeign() const {
+  const std::string foreign = ForeignEntry(path_);
+  if (foreign.empty() || Exists(path_)) return;  // in this order: another run may begin meanwhile, with its record
+  throw InvalidInputError(Concat(path_.string(), ": holds ", foreign,
+                                 " and was not made by this tool: give a folder that is empty or does not exist"));
+}
+
 void OutputFolder::TakeOver(const RunRecord& record, bool overwrite, bool many) {
   const auto record_path = path_ / kRecordName;
   const std::string text = Format(record);
   const bool is_ours = Exists(path_);
   if (!is_ours) {
-    const std::string foreign = ForeignEntry(path_);
-    if (!foreign.empty()) {
-      throw InvalidInputError(Concat(path_.string(), ": holds ", foreign,
-                                     " and was not made by this tool: give a folder that is empty or does not exist"));
-    }
+    RefuseForeign();
     WriteFileAtomically(record_path, text, Durability::kPowerCut);
     return;
   }

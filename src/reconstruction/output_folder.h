@@ -65,6 +65,7 @@ class OutputFolder {
   std::filesystem::path SummaryFile() const { return path_ / "summary.json"; }
 
  private:
+  void RefuseForeign() const;
   void Lock(bool shared);
   void TakeOver(const RunRecord& record, bool overwrite, bool many);
   void RemoveResults() const;

@@ -132,6 +132,7 @@ TEST_F(ReconstructTest, FoldersOfOthersAreNeverTouched) {
   WriteText("out/run.txt", "my notes of the run of Tuesday");
   EXPECT_THAT(Error(), HasSubstr("not made by this tool")) << "a file of that name makes it no folder of ours";
   EXPECT_EQ(ReadText(output() / "depth/000000.png"), "precious");
+  EXPECT_FALSE(std::filesystem::exists(output() / ".lock")) << "left in a folder of others";
   for (const auto& folder : {scene(), scene().parent_path(), scene() / "../scene"}) {
     options_.output = folder;
     EXPECT_THAT(Error(), HasSubstr("holds SCENE = "));
