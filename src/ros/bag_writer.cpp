@@ -46,12 +46,19 @@ std::vector<int> DiscardWrites(const std::filesystem::path& path) {
   return discarded;
 }
 
+/// The first bytes are written here.
+std::unique_ptr<rosbag::Bag> OpenBag(const std::filesystem::path& path, const std::filesystem::path& temporary_path) {
+  try {
+    return std::make_unique<rosbag::Bag>(temporary_path.string(), rosbag::bagmode::Write);
+  } catch (const rosbag::BagException& error) {
+    throw ProcessingError(Concat("cannot write ", path, ": ", error.what()));
+  }
+}
+
 }  // namespace
 
 BagWriter::BagWriter(const std::filesystem::path& path, Durability durability, rosbag::CompressionType compression)
-    : path_(CheckedPath(path)),
-      file_(path, durability),
-      bag_(std::make_unique<rosbag::Bag>(file_.temporary_path().string(), rosbag::bagmode::Write)) {
+    : path_(CheckedPath(path)), file_(path, durability), bag_(OpenBag(path_, file_.temporary_path())) {
   bag_->setCompression(compression);
 }
 

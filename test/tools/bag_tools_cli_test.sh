@@ -37,6 +37,7 @@ expect 2 "missing" "$bin/acmp_make_bag" missing out.bag
 expect 2 "is a folder" "$bin/acmp_make_bag" "${small[@]}" .
 expect 2 "there is no folder" "$bin/acmp_make_bag" "${small[@]}" missing/out.bag
 expect 1 "cannot write" limited "$bin/acmp_make_bag" "${small[@]}" out.bag
+expect 1 'cannot write "out.bag"' bash -c 'ulimit -f 1; trap "" XFSZ; "$@"' bash "$bin/acmp_make_bag" "${small[@]}" out.bag
 [ ! -e out.bag ] && [ ! -e out.bag.acmp.partial ] || fail "a failed run left files"
 
 head -c 5000 a.bag >cut.bag
