@@ -119,12 +119,16 @@ class NetworksTest(unittest.TestCase):
                 self.publishers[topic].publish(message)
 
     def depths(self):
-        """The mapper's maps of all keyframes by stamp."""
+        """The mapper's maps of all keyframes by stamp; not the newest one of before, which new subscribers get."""
+        stamps = {m.header.stamp for topic, m in self.inputs if topic == "/camera/image_raw"}
+
+        def of_these():
+            return [m for m in self.received["/acmp/depth/image_rect"] if m.header.stamp in stamps]
+
         def complete():
-            return (rospy.ServiceProxy("/acmp/dense_mapper/flush", Trigger)().success and
-                    len(self.received["/acmp/depth/image_rect"]) >= KEYFRAMES)
+            return rospy.ServiceProxy("/acmp/dense_mapper/flush", Trigger)().success and len(of_these()) >= KEYFRAMES
         wait_for(complete, "the maps")
-        return {m.header.stamp: pixels(m, "<f4")[:, :, 0] for m in self.received["/acmp/depth/image_rect"]}
+        return {m.header.stamp: pixels(m, "<f4")[:, :, 0] for m in of_these()}
 
     def test_a_network_that_cannot_be_loaded(self):
         missing = {"file": "none.onnx", "kind": "inverse_depth", "size": [WIDTH, HEIGHT]}
