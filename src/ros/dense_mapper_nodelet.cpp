@@ -53,10 +53,6 @@ Mask ReadMaskFile(const std::string& path) {
   }
 }
 
-bool IsInput(const std::string& topic, const std::vector<InputStatus>& inputs) {
-  return std::any_of(inputs.begin(), inputs.end(), [&](const InputStatus& input) { return input.topic == topic; });
-}
-
 void Expect(const std::string& failure) {
   if (!failure.empty()) throw ProcessingError(failure);
 }
@@ -390,11 +386,8 @@ class DenseMapperNodelet : public NodeletBase {
     constexpr bool kWaitForMaster = false;  // as ros::master::getTopics would, and an unload with it
     if (!ros::master::execute("getPublishedTopics", request, answer, topics, kWaitForMaster)) return snapshot;
     std::map<std::string, std::string> published;
-    const std::string own = getNodeHandle().getNamespace() + "/";  // with outputs of the mapper and the map
     for (int i = 0; i < topics.size(); ++i) {
-      const std::string name = topics[i][0];
-      const bool is_own = own != "//" && name.compare(0, own.size(), own) == 0;
-      if (!is_own || IsInput(name, snapshot.inputs)) published[name] = static_cast<std::string&>(topics[i][1]);
+      published[static_cast<std::string&>(topics[i][0])] = static_cast<std::string&>(topics[i][1]);
     }
     AddAdvice(published, &snapshot.inputs);
     return snapshot;

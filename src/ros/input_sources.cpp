@@ -1,9 +1,12 @@
 #include "acmp_mapping/ros/input_sources.h"
 
+#include <algorithm>
 #include <cstring>
 #include <functional>
+#include <iterator>
 #include <utility>
 
+#include <acmp_mapping/KeyframeDepth.h>
 #include <tf2_msgs/TFMessage.h>
 #include <boost/algorithm/string/predicate.hpp>
 
@@ -139,6 +142,35 @@ std::string AdviceOn(const InputStatus& input, const std::map<std::string, std::
     if (!how.empty()) return Concat("nobody publishes it, but ", other, ": ", how);
   }
   return input.is_wanted() ? OthersLike(input, published) : "";
+}
+
+/// "/acmp/" of "/acmp/points" where the topic has that name; else empty.
+std::string NamespaceOf(const std::string& topic, const char* name) {
+  return boost::algorithm::ends_with(topic, std::string("/") + name) ? topic.substr(0, topic.size() - std::strlen(name))
+                                                                     : "";
+}
+
+/// The namespaces in which a mapper or a map server publishes.
+std::vector<std::string> FindMappers(const std::map<std::string, std::string>& published) {
+  std::vector<std::string> found;
+  for (const auto& [topic, type] : published) {
+    const std::string mapper =
+        type == TypeOf<acmp_mapping::KeyframeDepth>() ? NamespaceOf(topic, names::kKeyframeDepth) : "";
+    const std::string map = NamespaceOf(topic, names::kMapPoints);
+    if (!mapper.empty()) found.push_back(mapper);
+    if (!map.empty() && published.count(map + names::kKeyframePath) > 0) found.push_back(map);
+  }
+  return found;
+}
+
+/// @param name within the namespace; image_transport publishes beside the names of images
+bool IsOutput(const std::string& name) {
+  constexpr const char* kBeginnings[] = {"depth_fast/", "depth/",           "rgb/",   "confidence/", "normal/",
+                                         "keyframe_",   names::kFacePrefix, "viewer/"};
+  constexpr const char* kNames[] = {names::kPoints, names::kMapPoints, names::kOccupancy};
+  return std::any_of(std::begin(kNames), std::end(kNames), [&](const char* output) { return name == output; }) ||
+         std::any_of(std::begin(kBeginnings), std::end(kBeginnings),
+                     [&](const char* beginning) { return boost::algorithm::starts_with(name, beginning); });
 }
 
 /// Makes the sources of one node.
@@ -373,6 +405,14 @@ std::string WithoutCompressed(const std::string& topic) {
 
 void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs) {
   std::map<std::string, std::string> unused = published;
+  for (const std::string& mapper : FindMappers(published)) {
+    for (const auto& [topic, type] : published) {
+      if (boost::algorithm::starts_with(topic, mapper) && IsOutput(topic.substr(mapper.size()))) unused.erase(topic);
+    }
+  }
+  for (const InputStatus& input : *inputs) {
+    if (const auto named = published.find(input.topic); named != published.end()) unused.insert(*named);
+  }
   for (const InputStatus& input : *inputs) {
     if (input.received > 0) unused.erase(input.topic);
   }

@@ -237,6 +237,41 @@ TEST(MapperDiagnostics, WhatIsTakenAlreadyOrWasNotAskedForIsNoAdvice) {
   EXPECT_THAT(DescribeMissing(snapshot), HasSubstr("nobody publishes it: check"));
 }
 
+TEST(MapperDiagnostics, OutputsOfMappersAreNoAdvice) {
+  std::map<std::string, std::string> published = {{"/acmp_2/keyframe_depth", "acmp_mapping/KeyframeDepth"},
+                                                  {"/acmp_2/keyframe_pose", "geometry_msgs/PoseStamped"},
+                                                  {"/acmp_2/depth/image_raw", "sensor_msgs/Image"},
+                                                  {"/acmp_2/depth/image_raw/compressed", "sensor_msgs/CompressedImage"},
+                                                  {"/acmp_2/face_left/rgb/image_rect_color", "sensor_msgs/Image"},
+                                                  {"/acmp_2/rgb/camera_info", "sensor_msgs/CameraInfo"},
+                                                  {"/acmp_2/points", "sensor_msgs/PointCloud2"},
+                                                  {"/maps/map_points", "sensor_msgs/PointCloud2"},
+                                                  {"/maps/keyframe_path", "nav_msgs/Path"}};
+  MapperSnapshot snapshot = HealthyMapper();
+  const auto said_of = [&](Kind kind, const std::string& topic, const std::string& type) {
+    snapshot.inputs = {{kind, topic, 0, 0, 60, true, type, "", 0, true}};
+    AddAdvice(published, &snapshot.inputs);
+    return DescribeMissing(snapshot);
+  };
+  const struct {
+    Kind kind;
+    std::string topic, type;
+  } cases[] = {{Kind::kImage, "/acmp/depth/image_raw", "sensor_msgs/Image"},
+               {Kind::kCameraInfo, "/acmp_2/camera_info", "sensor_msgs/CameraInfo"},
+               {Kind::kPose, "/acmp_2/pose", "geometry_msgs/PoseStamped"},
+               {Kind::kCloud, "/maps/points", "sensor_msgs/PointCloud2"}};
+  for (const auto& [kind, topic, type] : cases) {
+    EXPECT_THAT(said_of(kind, topic, type), HasSubstr("nobody publishes it: check")) << topic;
+  }
+  published["/acmp_2/camera/image_raw"] = "sensor_msgs/Image";
+  EXPECT_THAT(said_of(Kind::kImage, "/acmp_2/camera/imag_raw", "sensor_msgs/Image"),
+              HasSubstr("but /acmp_2/camera/image_raw"))
+      << "a camera in the namespace of a mapper";
+  EXPECT_THAT(said_of(Kind::kPose, "/acmp_2/rgb/camera_info", "geometry_msgs/PoseStamped"),
+              HasSubstr("it is published as sensor_msgs/CameraInfo"))
+      << "what the user has named is told";
+}
+
 TEST(MapperDiagnostics, SayHowFarImagesAreFromPoses) {
   MapperSnapshot snapshot = HealthyMapper();
   snapshot.pose_use = {10, 20, 3, 12500000};

@@ -51,8 +51,9 @@ struct InputStatus {
 std::string WithoutCompressed(const std::string& topic);
 
 /// Adds advice to the inputs on which nothing has come: how to take the topic if it is published with another type, or
-/// what is published whose name is like it; for a required one, whatever could be taken in its place.
-/// @param published types by name, of all topics that others publish
+/// what is published whose name is like it; for a required one, whatever could be taken in its place. Outputs of
+/// mappers, of this one or others, and of their maps are offered to none.
+/// @param published types by name, of all topics
 void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs);
 
 /// What is done with the messages of a topic. The status may be asked for in any thread.
