@@ -1,3 +1,5 @@
+#include <malloc.h>
+
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
@@ -40,6 +42,7 @@ using acmp_mapping::KeyframePoints;
 constexpr char kSessionEnding[] = ".bag";
 constexpr size_t kMaxMappers = 100;  ///< in diagnostics and answers; those that were silent longest are forgotten
 constexpr double kMapPeriodS = 0.1;  ///< how often the map's rate limit is looked at
+constexpr double kFreePeriodS = 1;   ///< how often freed memory goes back to the system
 constexpr uint32_t kPathQueue = 2;   ///< each path replaces the one before
 /// A GPU may make keyframes faster than the map takes them in. Bounds the memory of those that wait, 6 MB each of
 /// 540 x 360 px; more than any flush sends at once. What is lost beyond that is told.
@@ -160,6 +163,9 @@ class MapServerNodelet : public NodeletBase {
     publish_timer_ = service_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishIfDue(); });
     occupancy_timer_ =
         occupancy_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishOccupancyIfDue(); });
+    // Images and messages come and go between the points that stay: glibc keeps what they leave, a quarter of the
+    // manager's memory.
+    free_timer_ = status_thread_.MakeTimer(getNodeHandle(), kFreePeriodS, [] { malloc_trim(0); });
     occupancy_thread_.Start();
     looking_thread_.Start();
   }
@@ -384,7 +390,7 @@ class MapServerNodelet : public NodeletBase {
   ros::Subscriber keyframes_;
   ros::Subscriber optimized_path_;
   ros::Publisher path_;
-  ros::WallTimer publish_timer_, occupancy_timer_;
+  ros::WallTimer publish_timer_, occupancy_timer_, free_timer_;
   std::unique_ptr<Diagnostics<MapSnapshot>> diagnostics_;
 };
 
