@@ -2,8 +2,6 @@
 
 #include <ceres/ceres.h>
 #include <ceres/normal_prior.h>
-#include <glog/logging.h>
-#include <mutex>
 
 #include <algorithm>
 #include <cmath>
@@ -224,29 +222,6 @@ void ToParameters(const ViewPose& pose, double* p) {
 
 ViewPose FromParameters(const double* p) { return {Eigen::Quaterniond(p[3], p[0], p[1], p[2]), {p[4], p[5], p[6]}}; }
 
-/// Ceres reports single steps that fail, which it then repeats shorter, through glog to stderr. The level is the whole
-/// process's: the first of several mappers that adjust at once lowers it, the last one puts it back.
-class QuietLog {
- public:
-  QuietLog() {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (users_++ > 0) return;
-    level_ = FLAGS_minloglevel;
-    FLAGS_minloglevel = google::GLOG_ERROR;
-  }
-  ~QuietLog() {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (--users_ == 0) FLAGS_minloglevel = level_;
-  }
-  QuietLog(const QuietLog&) = delete;
-  QuietLog& operator=(const QuietLog&) = delete;
-
- private:
-  static inline std::mutex mutex_;  ///< of the next two
-  static inline int users_ = 0;
-  static inline int level_ = 0;
-};
-
 /// The problem in Ceres' terms; keeps what it points to.
 class Adjustment {
  public:
@@ -294,7 +269,6 @@ class Adjustment {
     options.function_tolerance = 1e-4;
     options.logging_type = ceres::SILENT;
     ceres::Solver::Summary summary;
-    const QuietLog quiet;
     ceres::Solve(options, &problem_, &summary);
     if (!summary.IsSolutionUsable()) return false;
     for (size_t i = 0; i < bundle_.size(); ++i) bundle_.poses[i] = FromParameters(PoseOf(i));
