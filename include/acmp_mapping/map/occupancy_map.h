@@ -76,9 +76,9 @@ class OccupancyMap {
   std::unique_ptr<Tree> tree_;
 };
 
-/// Whether z of the world points up, by cameras that are tilted up or down, but hardly to a side (x is level), and whose
-/// images are upright or that look down. False for the world of most frontends of one camera, whose z points forward,
-/// and for cameras that are mounted on their side. A capture counts once.
+/// Whether z of the world points up, by cameras that are tilted up or down, but hardly to a side (x is level), and
+/// whose images are upright or that look down. False for the world of most frontends of one camera, whose z points
+/// forward, and for cameras that are mounted on their side. A capture counts once.
 bool ZPointsUp(const std::vector<PlacedKeyframe>& keyframes);
 
 /// Of a whole map. Throws InvalidInputError for an empty one.

@@ -160,7 +160,7 @@ struct MapServerOptions {
   double map_publish_rate = 0.5;      ///< Hz
   double occupancy_min_height = 0.1;  ///< of the topic occupancy: z in the world
   double occupancy_max_height = 1;
-  bool z_up = false;  ///< z of the world is known to point up, whatever ZPointsUp says
+  bool z_up = false;                        ///< z of the world is known to point up, whatever ZPointsUp says
   double memory_limit_gb = kMemoryLimitGb;  ///< of a message or a file while it is worked on
   std::string save_folder;                  ///< save_map and sessions: only below it; never empty once loaded
   std::string load_session;                 ///< loaded at start; empty: none
