@@ -352,7 +352,7 @@ def from_matrix(content, index):
     k = content.list(matrix_name, 9)
     if k[1] != 0 or k[3] != 0 or k[6:] != [0, 0, 1]:
         raise Refused(f"camera matrix {k!r}: must be fx 0 cx, 0 fy cy, 0 0 1")
-    coefficients = content.list(first("distortion_coefficients", "distcoeffs", "distcoeff", f"d{index + 1}", "d"))
+    coefficients = content.list(first("distortion_coefficients", "distcoeffs", f"d{index + 1}", "d"))
     fisheye = content.number(first("fisheyemodel"), 0.0) != 0
     by_count = EQUIDISTANT if fisheye else PLUMB_BOB if len(coefficients) <= 5 else RATIONAL
     is_message = matrix_name.lower() == "k"  # of camera_info
@@ -410,9 +410,6 @@ def convert(text, index=0, size=None):
         content = Fields({f"Camera.{name}": value for name, value in content["Camera"].items()})
     reader = next((reader for names, reader in READERS.items()
                    if any(re.fullmatch(names, str(name)) for name in content.values)), None)
-    if "fl_x" in content:
-        raise Refused("is of a NeRF tool (fl_x), whose pixel centres are at 0 or at 0.5, by who wrote it: write it as "
-                      "config/camera.yaml, with cx and cy from a centre at 0")
     if reader is None:
         for name in (f"cam{index}_calib", "relative_config_imucam"):  # VINS, OpenVINS
             if name in content:

@@ -4,7 +4,8 @@
 # Usage: scripts/test_on.sh bullseye|bookworm|trixie [COMMAND...]
 #   COMMAND   instead of scripts/demo.sh and scripts/test.sh, such as "scripts/install_dependencies.sh --cuda" before them
 # Environment: ACMP_ROOTS, where the root is made (/var/tmp/acmp_roots); ACMP_CCACHE_DIR: a folder of ccache, which is then
-# used; DEBIAN_MIRROR, else debootstrap's own; and those of the two scripts.
+# used; ACMP_PACKAGE: a file that is put there as /package.deb; DEBIAN_MIRROR, else debootstrap's own; and those of the two
+# scripts.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 release=${1:?usage: $0 bullseye|bookworm|trixie [COMMAND...]}
@@ -26,6 +27,8 @@ echo "127.0.0.1 localhost" >"$root/etc/hosts"  # debootstrap leaves it to whoeve
 git init --quiet "$root/acmp_mapping"
 git -C "$root/acmp_mapping" fetch --quiet "$PWD" HEAD
 git -C "$root/acmp_mapping" reset --quiet --hard FETCH_HEAD
+
+[ -z "${ACMP_PACKAGE:-}" ] || cp "$ACMP_PACKAGE" "$root/package.deb"
 
 mount -t proc proc "$root/proc"
 mount --rbind /dev "$root/dev"

@@ -324,12 +324,6 @@ class ConvertCalibration(unittest.TestCase):
         self.expect(converted(sphere), [1920, 960], [960 / math.pi, 960 / math.pi, 960, 480], "equirectangular", [])
         self.assertIn("no camera 1", refusal(sphere, 1))
 
-    def test_other_names_of_opencvs_coefficients_and_files_of_nerf_tools(self):
-        charuco = ('{"camera_matrix": [[500, 0, 320], [0, 500, 240], [0, 0, 1]], "dist_coeff": [[0.1, -0.2, 0, 0, 0]], '
-                   '"image_width": 640, "image_height": 480}')
-        self.expect(converted(charuco), [640, 480], [500, 500, 320, 240], "plumb_bob", [0.1, -0.2, 0, 0, 0])
-        self.assertIn("NeRF", refusal('{"fl_x": 500, "fl_y": 500, "cx": 320, "cy": 240, "w": 640, "h": 480, "k1": 0.1}'))
-
     def test_size_that_the_file_lacks(self):
         self.assertIn("image size 0 x 0", refusal(ORB_SLAM2))
         self.expect(converted(ORB_SLAM2, 0, [640, 480]), [640, 480], OTHER_K, "plumb_bob", [0.262383, -0.953104, -0.005358, 0.002628, 1.163314])

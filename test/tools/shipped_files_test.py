@@ -129,7 +129,7 @@ class LaunchFiles(unittest.TestCase):
             with self.subTest(launch):
                 shown = roslaunch.arg_dump.get_args([str(LAUNCH / launch)])
                 required = {name for name, (_, default) in shown.items() if not default}
-                self.assertEqual(required, {"bag"} if launch == "demo.launch" else set())
+                self.assertEqual(required, set())
 
     def test_parameters_are_known(self):
         for launch in ["dense_mapper.launch", *FRONTENDS]:
@@ -169,6 +169,10 @@ class LaunchFiles(unittest.TestCase):
         self.assertLessEqual({"overload": "block", "device": "cpu"}.items(), parameters_of(config).items())
         self.assertIn("--clock", node_of(config, "player").args)
         self.assertIn("/some.bag", node_of(config, "player").args)
+        self.assertEqual(node_of(config, "player").launch_prefix, None)
+        config = load("demo.launch", rviz="false")
+        self.assertIn("acmp_room.bag", node_of(config, "player").args)
+        self.assertIn("acmp_make_bag --synthetic", node_of(config, "player").launch_prefix)
         viewer = node_of(load("demo.launch", bag="/some.bag"), "viewer")
         self.assertTrue(Path(viewer.args.split()[1]).exists(), viewer.args)
 
