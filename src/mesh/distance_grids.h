@@ -21,7 +21,8 @@ struct DistanceVolume::Grids {
   ColorTree color{0};                                         ///< PackColor
 };
 
-/// The mesh in voxels.
+/// The mesh in voxels. @param distance all leaves of the others, or some with all around them: then its border is
+/// missing
 TriangleMesh ExtractMeshInVoxels(const FloatTree& distance, const FloatTree& weight, const ColorTree& color);
 
 /// A mean colour in 32 bits: quarters of a grey level of red, green and blue, 10 bits each.

@@ -6,7 +6,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <iterator>
 #include <limits>
+#include <map>
+#include <utility>
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
@@ -24,8 +27,8 @@ constexpr int kLeafSize = FloatTree::LeafNodeType::DIM;  ///< voxels
 constexpr size_t kLeafVoxels = FloatTree::LeafNodeType::SIZE;
 constexpr double kMaxIndex = 1 << 30;
 
-/// A block of voxels in all trees.
-struct Block {
+/// A leaf of all trees: 8 x 8 x 8 voxels.
+struct LeafVoxels {
   Coord origin;
   float* distance;
   float* weight;
@@ -62,8 +65,8 @@ bool TakesPart(const SurfaceView& view, int col, int row, float min_confidence) 
   return depth > 0 && std::isfinite(depth) && confidence > 0 && confidence >= min_confidence;
 }
 
-/// Origins of the blocks that the view's bands go through, sorted.
-std::vector<Coord> BlocksInBand(const SurfaceView& view, const DistanceVolumeOptions& options) {
+/// Origins of the leaves that the view's bands go through, sorted.
+std::vector<Coord> LeavesInBand(const SurfaceView& view, const DistanceVolumeOptions& options) {
   const RigidTransform world_from_cam = view.camera.cam_from_world.inverse();
   const double voxel = options.voxel_size;
   constexpr int kSamples = 7;  // along a ray: two voxels apart at most
@@ -85,28 +88,28 @@ std::vector<Coord> BlocksInBand(const SurfaceView& view, const DistanceVolumeOpt
                                          " from the origin: the voxel size must be larger"));
         }
         const Coord voxel_at = Coord::round(openvdb::Vec3d(index.x(), index.y(), index.z()));
-        const Coord block = voxel_at & ~(kLeafSize - 1);
-        if (block == last[sample]) continue;
-        last[sample] = block;
-        rows[row].push_back(block);
+        const Coord leaf = voxel_at & ~(kLeafSize - 1);
+        if (leaf == last[sample]) continue;
+        last[sample] = leaf;
+        rows[row].push_back(leaf);
       }
     }
   });
-  std::vector<Coord> blocks;
-  for (const std::vector<Coord>& row : rows) blocks.insert(blocks.end(), row.begin(), row.end());
-  tbb::parallel_sort(blocks.begin(), blocks.end());
-  blocks.erase(std::unique(blocks.begin(), blocks.end()), blocks.end());
-  return blocks;
+  std::vector<Coord> leaves;
+  for (const std::vector<Coord>& row : rows) leaves.insert(leaves.end(), row.begin(), row.end());
+  tbb::parallel_sort(leaves.begin(), leaves.end());
+  leaves.erase(std::unique(leaves.begin(), leaves.end()), leaves.end());
+  return leaves;
 }
 
-/// Averages a view's distances and colours into a block's voxels.
-class BlockUpdate {
+/// Averages a view's distances and colours into a leaf's voxels.
+class LeafUpdate {
  public:
-  BlockUpdate(const SurfaceView& view, const DistanceVolumeOptions& options) : view_(view), options_(options) {}
+  LeafUpdate(const SurfaceView& view, const DistanceVolumeOptions& options) : view_(view), options_(options) {}
 
-  void operator()(const Block& block) const {
+  void operator()(const LeafVoxels& leaf) const {
     const RigidTransform& cam_from_world = view_.camera.cam_from_world;
-    const Eigen::Vector3d origin(block.origin.x(), block.origin.y(), block.origin.z());
+    const Eigen::Vector3d origin(leaf.origin.x(), leaf.origin.y(), leaf.origin.z());
     const Eigen::Vector3f first = (cam_from_world * (options_.voxel_size * origin)).cast<float>();
     const Eigen::Matrix3f step = (options_.voxel_size * cam_from_world.linear()).cast<float>();
     size_t i = 0;
@@ -114,7 +117,7 @@ class BlockUpdate {
       for (int y = 0; y < kLeafSize; ++y) {
         for (int z = 0; z < kLeafSize; ++z, ++i) {
           const Eigen::Vector3f at(static_cast<float>(x), static_cast<float>(y), static_cast<float>(z));
-          Update(first + step * at, block.distance + i, block.weight + i, block.color + i);
+          Update(first + step * at, leaf.distance + i, leaf.weight + i, leaf.color + i);
         }
       }
     }
@@ -173,6 +176,88 @@ void CheckSurfaceView(const SurfaceView& view) {
   if (!view.color.empty()) CheckSize("color", view.color.width, view.color.height, camera);
 }
 
+/// Of the block in which a voxel lies.
+VolumeBlock BlockOf(const Coord& voxel) {
+  const auto cube = [](int at) { return at >= 0 ? at / kBlockVoxels : -((kBlockVoxels - 1 - at) / kBlockVoxels); };
+  return {cube(voxel.x()), cube(voxel.y()), cube(voxel.z())};
+}
+
+/// Blocks whose surface is another one when these leaves (origins) have changed, as far as they are in the tree: a
+/// triangle hangs on voxels around it.
+std::vector<VolumeBlock> BlocksAround(const std::vector<Coord>& leaves, const FloatTree& tree) {
+  constexpr int kReach = 2;  // voxels, from a triangle to those of its cells
+  constexpr int kOffsets[] = {0, -kReach, kLeafSize - 1 + kReach};
+  std::vector<VolumeBlock> blocks;
+  for (const Coord& leaf : leaves) {
+    const VolumeBlock own = BlockOf(leaf);
+    if (blocks.empty() || blocks.back() != own) blocks.push_back(own);
+    for (int i = 1; i < 27; ++i) {
+      const Coord beside = leaf.offsetBy(kOffsets[i % 3], kOffsets[i / 3 % 3], kOffsets[i / 9]);
+      const VolumeBlock block = BlockOf(beside);
+      if (block != own && tree.probeConstLeaf(beside)) blocks.push_back(block);
+    }
+  }
+  std::sort(blocks.begin(), blocks.end());
+  blocks.erase(std::unique(blocks.begin(), blocks.end()), blocks.end());
+  return blocks;
+}
+
+/// Calls for the origin of each leaf that a block has room for, and of those that touch it where `margin` is 1.
+template <class Function>
+void ForEachLeaf(const VolumeBlock& block, int margin, const Function& function) {
+  constexpr int kLeaves = kBlockVoxels / kLeafSize;
+  for (int x = -margin; x < kLeaves + margin; ++x) {
+    for (int y = -margin; y < kLeaves + margin; ++y) {
+      for (int z = -margin; z < kLeaves + margin; ++z) {
+        function(Coord(block[0] * kBlockVoxels + x * kLeafSize, block[1] * kBlockVoxels + y * kLeafSize,
+                       block[2] * kBlockVoxels + z * kLeafSize));
+      }
+    }
+  }
+}
+
+template <class Tree>
+void ReplaceLeaf(const Coord& origin, Tree* from, Tree* tree) {
+  using Leaf = typename Tree::LeafNodeType;
+  delete tree->template stealNode<Leaf>(origin, tree->background(), false);
+  if (Leaf* leaf = from->template stealNode<Leaf>(origin, from->background(), false)) tree->addLeaf(leaf);
+}
+
+/// Shares a mesh's triangles out among blocks by their centroids; what lies in none of them is left out.
+std::vector<TriangleMesh> CutIntoBlocks(const TriangleMesh& whole, const std::vector<VolumeBlock>& blocks) {
+  std::map<VolumeBlock, size_t> places;
+  for (size_t i = 0; i < blocks.size(); ++i) places[blocks[i]] = i;
+  std::vector<TriangleMesh> meshes(blocks.size());
+  for (const auto& triangle : whole.triangles) {
+    const auto corner = [&](int i) { return whole.vertices[triangle[i]].position; };
+    const Vec3f sum = corner(0) + corner(1) + corner(2);
+    const auto cell = [](float value) { return static_cast<int>(std::floor(value / 3)); };
+    const auto place = places.find(BlockOf({cell(sum.x), cell(sum.y), cell(sum.z)}));
+    if (place != places.end()) meshes[place->second].triangles.push_back(triangle);
+  }
+  constexpr auto kNone = std::numeric_limits<uint32_t>::max();
+  std::vector<uint32_t> renumbered(whole.vertices.size(), kNone);
+  for (TriangleMesh& mesh : meshes) {
+    std::vector<uint32_t> used;
+    for (auto& triangle : mesh.triangles) {
+      for (uint32_t& corner : triangle) {
+        if (renumbered[corner] == kNone) {
+          renumbered[corner] = static_cast<uint32_t>(used.size());
+          used.push_back(corner);
+          mesh.vertices.push_back(whole.vertices[corner]);
+        }
+        corner = renumbered[corner];
+      }
+    }
+    for (uint32_t corner : used) renumbered[corner] = kNone;
+  }
+  return meshes;
+}
+
+void ScaleVertices(double factor, TriangleMesh* mesh) {
+  for (SurfacePoint& vertex : mesh->vertices) vertex.position = static_cast<float>(factor) * vertex.position;
+}
+
 std::string Megabytes(size_t bytes) { return Concat(std::ceil(static_cast<double>(bytes) / 1e6), " MB"); }
 
 }  // namespace
@@ -184,11 +269,22 @@ DistanceVolume::DistanceVolume(const DistanceVolumeOptions& options)
 
 DistanceVolume::~DistanceVolume() = default;
 
+bool DistanceVolume::HasVoxels(const VolumeBlock& block) const {
+  bool any = false;
+  ForEachLeaf(block, 0, [&](const Coord& origin) { any = any || grids_->weight.probeConstLeaf(origin); });
+  return any;
+}
+
 size_t DistanceVolume::voxels() const { return grids_->weight.leafCount() * kLeafVoxels; }
 
-void DistanceVolume::Integrate(const SurfaceView& view) {
+std::vector<VolumeBlock> DistanceVolume::Integrate(const SurfaceView& view,
+                                                   const std::optional<std::vector<VolumeBlock>>& only) {
   CheckSurfaceView(view);
-  const std::vector<Coord> origins = BlocksInBand(view, options_);
+  const std::vector<Coord> all = LeavesInBand(view, options_);
+  std::vector<Coord> origins;
+  std::copy_if(all.begin(), all.end(), std::back_inserter(origins), [&](const Coord& leaf) {
+    return !only || std::binary_search(only->begin(), only->end(), BlockOf(leaf));
+  });
   const auto added = static_cast<size_t>(std::count_if(
       origins.begin(), origins.end(), [&](const Coord& origin) { return !grids_->weight.probeConstLeaf(origin); }));
   const size_t needed = bytes() + added * kLeafVoxels * kVoxelBytes;
@@ -197,24 +293,46 @@ void DistanceVolume::Integrate(const SurfaceView& view) {
                                    ", more than the ", Megabytes(options_.max_bytes),
                                    " that they may: the voxel size must be larger"));
   }
-  std::vector<Block> blocks;
-  blocks.reserve(origins.size());
+  std::vector<LeafVoxels> leaves;
+  leaves.reserve(origins.size());
   for (const Coord& origin : origins) {
     FloatTree::LeafNodeType* distance = grids_->distance.touchLeaf(origin);
     distance->setValuesOn();  // VolumeToMesh looks at active voxels only
-    blocks.push_back({origin, distance->buffer().data(), grids_->weight.touchLeaf(origin)->buffer().data(),
+    leaves.push_back({origin, distance->buffer().data(), grids_->weight.touchLeaf(origin)->buffer().data(),
                       grids_->color.touchLeaf(origin)->buffer().data()});
   }
-  const BlockUpdate update(view, options_);
-  tbb::parallel_for(size_t{0}, blocks.size(), [&](size_t i) { update(blocks[i]); });
+  const LeafUpdate update(view, options_);
+  tbb::parallel_for(size_t{0}, leaves.size(), [&](size_t i) { update(leaves[i]); });
+  return BlocksAround(all, grids_->weight);
+}
+
+void DistanceVolume::Replace(const std::vector<VolumeBlock>& blocks, DistanceVolume* from) {
+  for (const VolumeBlock& block : blocks) {
+    ForEachLeaf(block, 0, [&](const Coord& origin) {
+      ReplaceLeaf(origin, &from->grids_->distance, &grids_->distance);
+      ReplaceLeaf(origin, &from->grids_->weight, &grids_->weight);
+      ReplaceLeaf(origin, &from->grids_->color, &grids_->color);
+    });
+  }
 }
 
 TriangleMesh DistanceVolume::ExtractMesh() const {
   TriangleMesh mesh = ExtractMeshInVoxels(grids_->distance, grids_->weight, grids_->color);
-  for (SurfacePoint& vertex : mesh.vertices) {
-    vertex.position = static_cast<float>(options_.voxel_size) * vertex.position;
-  }
+  ScaleVertices(options_.voxel_size, &mesh);
   return mesh;
+}
+
+std::vector<TriangleMesh> DistanceVolume::ExtractBlocks(const std::vector<VolumeBlock>& blocks) const {
+  FloatTree around(grids_->distance.background());
+  for (const VolumeBlock& block : blocks) {
+    ForEachLeaf(block, 1, [&](const Coord& origin) {
+      const auto* leaf = grids_->distance.probeConstLeaf(origin);
+      if (leaf && !around.probeConstLeaf(origin)) around.addLeaf(new FloatTree::LeafNodeType(*leaf));
+    });
+  }
+  auto meshes = CutIntoBlocks(ExtractMeshInVoxels(around, grids_->weight, grids_->color), blocks);
+  for (TriangleMesh& mesh : meshes) ScaleVertices(options_.voxel_size, &mesh);
+  return meshes;
 }
 
 double MedianFootprint(const PinholeCamera& camera, const ImageView<const float>& depth) {

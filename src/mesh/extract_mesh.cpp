@@ -26,22 +26,35 @@ constexpr int kCorners = 8;
 /// Corner 0..7 of the cell between a voxel and the next ones.
 Coord CornerOf(const Coord& cell, int corner) { return cell.offsetBy(corner & 1, corner >> 1 & 1, corner >> 2 & 1); }
 
-bool IsSeen(const Coord& cell, const FloatAccessor& weight) {
-  for (int corner = 0; corner < kCorners; ++corner) {
-    if (weight.getValue(CornerOf(cell, corner)) < kMinWeight) return false;
-  }
-  return true;
-}
-
-/// Active: cells whose corners all have been seen.
-openvdb::Grid<BoolTree>::Ptr SeenCells(const FloatTree& weight) {
-  auto tree = std::make_shared<BoolTree>(weight, false, openvdb::TopologyCopy());
+/// Active: of the leaves of `distance` the cells whose corners all have been seen.
+openvdb::Grid<BoolTree>::Ptr SeenCells(const FloatTree& distance, const FloatTree& weight) {
+  auto tree = std::make_shared<BoolTree>(distance, false, openvdb::TopologyCopy());
   std::vector<BoolTree::LeafNodeType*> leaves;
   tree->getNodes(leaves);
+  constexpr int kSize = FloatTree::LeafNodeType::DIM;
   tbb::parallel_for(size_t{0}, leaves.size(), [&](size_t i) {
-    const FloatAccessor accessor(weight);
-    for (openvdb::Index cell = 0; cell < BoolTree::LeafNodeType::SIZE; ++cell) {
-      leaves[i]->setActiveState(cell, IsSeen(leaves[i]->offsetToGlobalCoord(cell), accessor));
+    const Coord origin = leaves[i]->origin();
+    const FloatTree::LeafNodeType* leaf = weight.probeConstLeaf(origin);
+    const FloatAccessor weights(weight);
+    unsigned seen[kSize + 1][kSize + 1] = {};  // bit z: the voxel (x, y, z) of the leaf or beside it
+    for (int x = 0; x <= kSize; ++x) {
+      for (int y = 0; y <= kSize; ++y) {
+        const int inside = leaf && x < kSize && y < kSize ? kSize : 0;
+        const float* row = inside > 0 ? leaf->buffer().data() + (x * kSize + y) * kSize : nullptr;
+        for (int z = 0; z <= kSize; ++z) {
+          const float value = z < inside ? row[z] : weights.getValue(origin.offsetBy(x, y, z));
+          seen[x][y] |= value < kMinWeight ? 0u : 1u << z;
+        }
+      }
+    }
+    for (int x = 0; x < kSize; ++x) {
+      for (int y = 0; y < kSize; ++y) {
+        const unsigned columns = seen[x][y] & seen[x + 1][y] & seen[x][y + 1] & seen[x + 1][y + 1];
+        const unsigned cells = columns & columns >> 1;
+        for (int z = 0; z < kSize; ++z) {
+          leaves[i]->setActiveState(static_cast<openvdb::Index>((x * kSize + y) * kSize + z), (cells >> z & 1u) != 0);
+        }
+      }
     }
   });
   return openvdb::Grid<BoolTree>::create(tree);
@@ -52,9 +65,11 @@ SurfacePoint MakeVertex(const openvdb::Vec3s& position, const FloatAccessor& wei
   const Coord cell = Coord::floor(position);
   Eigen::Vector3f color_sum = Eigen::Vector3f::Zero();
   float weight_sum = 0;
+  bool is_seen = true;
   for (int corner = 0; corner < kCorners; ++corner) {
     const Coord at = CornerOf(cell, corner);
     float share = weight.getValue(at);
+    is_seen = is_seen && share >= kMinWeight;
     for (int axis = 0; axis < 3; ++axis) {
       share *= 1 - std::abs(position[axis] - static_cast<float>(at[axis]));
     }
@@ -65,7 +80,7 @@ SurfacePoint MakeVertex(const openvdb::Vec3s& position, const FloatAccessor& wei
   vertex.position = {position.x(), position.y(), position.z()};
   vertex.normal = {0, 0, 0};
   if (weight_sum > 0) vertex.color = ToRgb(color_sum / weight_sum);
-  if (IsSeen(cell, weight)) vertex.confidence = weight_sum / (1 + weight_sum);
+  if (is_seen) vertex.confidence = weight_sum / (1 + weight_sum);
   return vertex;
 }
 
@@ -121,13 +136,13 @@ void Tidy(TriangleMesh* mesh) {
 }  // namespace
 
 TriangleMesh ExtractMeshInVoxels(const FloatTree& distance, const FloatTree& weight, const ColorTree& color) {
-  if (weight.leafCount() == 0) return {};
+  if (distance.leafCount() == 0) return {};
   // The grid does not own the tree, which is only read.
   const auto grid = openvdb::Grid<FloatTree>::create(
       std::shared_ptr<FloatTree>(const_cast<FloatTree*>(&distance), [](FloatTree*) {}));
   grid->setGridClass(openvdb::GRID_LEVEL_SET);  // positive outside
   openvdb::tools::VolumeToMesh mesher;
-  mesher.setSurfaceMask(SeenCells(weight));  // but for single cells at its border: AddTriangle
+  mesher.setSurfaceMask(SeenCells(distance, weight));  // but for single cells at its border: AddTriangle
   mesher(*grid);
 
   TriangleMesh mesh;

@@ -1,6 +1,9 @@
 #include <tbb/global_control.h>
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
+#include <set>
 #include <vector>
 
 #include "acmp_mapping/mesh/distance_volume.h"
@@ -108,6 +111,62 @@ TEST_F(DistanceVolumeTest, OneViewHasNoBack) {
     EXPECT_NEAR(Position(vertex).norm(), kSphereRadius, 0.5 * kVoxel);
     EXPECT_GT(Position(vertex).x(), 0) << "the camera is there";
   }
+}
+
+/// By the positions of their corners.
+std::vector<std::array<float, 9>> SortedTriangles(const std::vector<TriangleMesh>& meshes) {
+  std::vector<std::array<float, 9>> triangles;
+  for (const TriangleMesh& mesh : meshes) {
+    for (const auto& triangle : mesh.triangles) {
+      triangles.emplace_back();
+      for (size_t i = 0; i < 3; ++i) {
+        std::memcpy(&triangles.back()[3 * i], &mesh.vertices[triangle[i]].position, sizeof(Vec3f));
+      }
+    }
+  }
+  std::sort(triangles.begin(), triangles.end());
+  return triangles;
+}
+
+TEST_F(DistanceVolumeTest, BlocksTogetherAreTheWholeMesh) {
+  DistanceVolume volume({kVoxel, kEnough, 0});
+  std::set<VolumeBlock> blocks;
+  for (const SurfaceMaps& view : SeeSphereFromAround()) {
+    for (const VolumeBlock& block : volume.Integrate(view.View())) blocks.insert(block);
+  }
+  ASSERT_GE(blocks.size(), 8u) << "around the origin";
+  std::vector<TriangleMesh> one_by_one;
+  for (const VolumeBlock& block : blocks) one_by_one.push_back(volume.ExtractBlocks({block})[0]);
+  const auto whole = SortedTriangles({volume.ExtractMesh()});
+  EXPECT_EQ(SortedTriangles(one_by_one), whole) << "none twice, none missing, at the same places";
+  EXPECT_EQ(SortedTriangles(volume.ExtractBlocks({blocks.begin(), blocks.end()})), whole);
+  const double size = kBlockVoxels * kVoxel;
+  for (size_t i = 0; i < one_by_one.size(); ++i) {
+    const VolumeBlock& block = *std::next(blocks.begin(), static_cast<std::ptrdiff_t>(i));
+    for (const SurfacePoint& vertex : one_by_one[i].vertices) {
+      EXPECT_GT(vertex.position.x, block[0] * size - 2 * kVoxel);
+      EXPECT_LT(vertex.position.x, (block[0] + 1) * size + 2 * kVoxel);
+    }
+  }
+}
+
+TEST_F(DistanceVolumeTest, BlocksMadeBesideTakeTheirPlaces) {
+  const std::vector<SurfaceMaps> views = SeeSphereFromAround();
+  DistanceVolume volume({kVoxel, kEnough, 0}), beside({kVoxel, kEnough, 0});
+  volume.Integrate(views[0].View());
+  const auto before = SortedTriangles({volume.ExtractMesh()});
+  const std::vector<VolumeBlock> seen = volume.Integrate(views[1].View());
+  const std::vector<VolumeBlock> some = {seen[1], seen[3]};
+  EXPECT_EQ(beside.Integrate(views[0].View(), some), DistanceVolume({kVoxel, kEnough, 0}).Integrate(views[0].View()))
+      << "also those that stay as they are";
+  EXPECT_LE(beside.bytes(), 2 * kFullBlockBytes);
+  volume.Replace(some, &beside);
+  EXPECT_EQ(beside.voxels(), 0u);
+  volume.Replace(seen, &beside);
+  DistanceVolume first({kVoxel, kEnough, 0});
+  first.Integrate(views[0].View());
+  volume.Replace(seen, &first);
+  EXPECT_EQ(SortedTriangles({volume.ExtractMesh()}), before) << "as if the second view had not been";
 }
 
 TEST_F(DistanceVolumeTest, TheNumberOfThreadsDoesNotMatter) {

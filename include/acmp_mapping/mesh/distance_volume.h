@@ -1,7 +1,9 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "acmp_mapping/fusion/point_cloud.h"
@@ -34,6 +36,13 @@ constexpr float kMinMeshConfidence = 0.4f;
 /// Bytes of a voxel: distance, weight and colour.
 constexpr size_t kVoxelBytes = 12;
 
+/// A cube of space with kBlockVoxels voxels along each axis. Numbers of cubes from the origin; cube 0 begins at voxel
+/// 0.
+using VolumeBlock = std::array<int, 3>;
+constexpr int kBlockVoxels = 32;
+/// Bytes of a block all of whose voxels take memory.
+constexpr size_t kFullBlockBytes = kVoxelBytes * kBlockVoxels * kBlockVoxels * kBlockVoxels;
+
 /// The signed distance to the surfaces that images see, positive in front of them, in a narrow band around them
 /// (Curless and Levoy 1996). In the world's frame. Of each voxel that falls on a pixel, the distance to the pixel's
 /// plane is averaged with those of other images, weighted by confidence, by the cosine between ray and normal, and,
@@ -52,14 +61,25 @@ class DistanceVolume {
   /// Throws InvalidInputError for maps that do not fit the camera, a pose that is not rigid, and when the view's
   /// surfaces would take more than max_bytes, or lie farther than 2^30 voxels from the origin: then it is as if the
   /// view had not been given.
-  void Integrate(const SurfaceView& view);
+  /// @param only if given: sorted blocks, all others stay as they are
+  /// @return sorted: the blocks that the view's surfaces lie in, also others than `only`, and those beside them whose
+  /// surface changes with theirs
+  std::vector<VolumeBlock> Integrate(const SurfaceView& view,
+                                     const std::optional<std::vector<VolumeBlock>>& only = std::nullopt);
+
+  /// Takes these blocks from another volume of the same options, which loses them, in place of its own.
+  void Replace(const std::vector<VolumeBlock>& blocks, DistanceVolume* from);
 
   /// The surface where the distance is 0, within cells whose corners all were seen: without a back, and open where
   /// nobody looked. A vertex has the colour of the voxels around it, and the confidence w / (1 + w) of their weight w.
   /// Empty where nothing was integrated. Throws InvalidInputError for a mesh of 2^31 vertices or more.
   TriangleMesh ExtractMesh() const;
+  /// Of each block the triangles of ExtractMesh whose centroid is in it: those of all blocks together are the whole
+  /// mesh, none twice. Vertices that several blocks have are the same in each but for the normal's last bits.
+  std::vector<TriangleMesh> ExtractBlocks(const std::vector<VolumeBlock>& blocks) const;
 
-  size_t voxels() const;  ///< that take memory
+  bool HasVoxels(const VolumeBlock& block) const;  ///< that take memory
+  size_t voxels() const;                           ///< all that do
   size_t bytes() const { return voxels() * kVoxelBytes; }
 
  private:
