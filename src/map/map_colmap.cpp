@@ -26,7 +26,7 @@ std::string ImageNameOf(const PlacedKeyframe& keyframe, std::set<std::string>* n
   constexpr int64_t kSecond_ns = 1000000000;
   const std::string stamp = StringPrintf("%010lld_%09lld", static_cast<long long>(keyframe.stamp_ns / kSecond_ns),
                                          static_cast<long long>(keyframe.stamp_ns % kSecond_ns));
-  std::string mapper = keyframe.mapper;
+  std::string mapper = keyframe.key.mapper;
   mapper.erase(0, mapper.find_first_not_of('/'));
   std::replace(mapper.begin(), mapper.end(), '/', '_');
   constexpr size_t kMaxMapper = 100;  // characters

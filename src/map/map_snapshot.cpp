@@ -46,7 +46,7 @@ std::vector<PlacedKeyframe> MapStore::Place(const Snapshot& snapshot) {
       members.push_back(placed.size());
     }
     placed.push_back({pose.Placed(keyframe.as_sent.world_from_cam), pose.scale, keyframe.points_in_camera,
-                      pose.stamp_ns, key.mapper, keyframe.as_sent.camera, keyframe.image});
+                      pose.stamp_ns, key, keyframe.as_sent.camera, keyframe.image});
   }
   place_trajectory();
   return placed;

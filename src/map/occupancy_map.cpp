@@ -155,7 +155,8 @@ bool ZPointsUp(const std::vector<PlacedKeyframe>& keyframes) {
   double captures = 0;
   const PlacedKeyframe* before = nullptr;
   for (const PlacedKeyframe& keyframe : keyframes) {
-    const bool is_other_face = before && before->stamp_ns == keyframe.stamp_ns && before->mapper == keyframe.mapper;
+    const bool is_other_face =
+        before && before->stamp_ns == keyframe.stamp_ns && before->key.mapper == keyframe.key.mapper;
     before = &keyframe;
     if (is_other_face) continue;
     const Eigen::RowVector3d z = keyframe.world_from_cam.linear().row(2);

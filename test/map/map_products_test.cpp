@@ -80,7 +80,7 @@ class MapColmapTest : public TestFolder {
       PlacedKeyframe& keyframe = map_.keyframes[i];
       keyframe.camera = ColmapRoom()[i].frame.camera;
       keyframe.stamp_ns = kFirstStamp_ns + static_cast<int64_t>(i) * 100000000;
-      keyframe.mapper = "/acmp/dense_mapper";
+      keyframe.key.mapper = "/acmp/dense_mapper";
       keyframe.image = Put(ColmapRoom()[i].frame.color);
     }
   }
@@ -146,7 +146,7 @@ TEST_F(MapColmapTest, ScalesCountAndImagesMayBeLarger) {
 TEST_F(MapColmapTest, WhatHasNoImageOrPointsIsLeftOutAndCounted) {
   map_.keyframes[0].image.reset();
   map_.keyframes[2].points_in_camera = std::make_shared<const PackedCloud>();
-  map_.keyframes[1].mapper += std::string(230, 'r');
+  map_.keyframes[1].key.mapper += std::string(230, 'r');
   map_.keyframes[4].stamp_ns = map_.keyframes[3].stamp_ns;  // of another run
   const ColmapFolder written = WriteColmapFolder(Path(), map_);
   EXPECT_THAT(std::vector<size_t>({written.images, written.without_image, written.without_points}),

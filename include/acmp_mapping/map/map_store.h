@@ -139,7 +139,7 @@ struct PlacedKeyframe {
   double scale = 1;                                            ///< of the points' positions, before they are moved
   PackedCloudPtr points_in_camera;
   int64_t stamp_ns = 0;
-  std::string mapper = {};
+  KeyframeKey key = {};
   PinholeCamera camera = {};       ///< of the keyframe's maps
   StoredImagePtr image = nullptr;  ///< or none
 };

@@ -1,0 +1,308 @@
+#include "acmp_mapping/map/live_mesh.h"
+
+#include <array>
+#include <iterator>
+#include <set>
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/map/map_mesh.h"
+
+namespace acmp {
+namespace {
+
+double MeanDepth(const PointCloud& points) {
+  double sum = 0;
+  for (const SurfacePoint& point : points) sum += point.position.z;
+  return points.empty() ? 0 : sum / static_cast<double>(points.size());
+}
+
+bool Intersect(const std::vector<VolumeBlock>& a, const std::vector<VolumeBlock>& b) {
+  for (auto i = a.begin(), k = b.begin(); i != a.end() && k != b.end();) {
+    if (*i == *k) return true;
+    *i < *k ? ++i : ++k;
+  }
+  return false;
+}
+
+/// These and all that touch them.
+std::vector<VolumeBlock> WithNeighbours(const std::vector<VolumeBlock>& blocks) {
+  std::set<VolumeBlock> all;
+  for (const auto& [x, y, z] : blocks) {
+    for (int i = 0; i < 27; ++i) all.insert({x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1});
+  }
+  return {all.begin(), all.end()};
+}
+
+}  // namespace
+
+MeshUpdate LiveMesh::Update(bool make_again) {
+  const auto end =
+      Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(options_.max_seconds));
+  if (version_ != map_->version()) Read();
+  MeshUpdate update;
+  try {
+    while (AddKeyframe() && Clock::now() < end) continue;
+    while (make_again && MakeAgain() && Clock::now() < end) continue;
+  } catch (const InvalidInputError&) {  // more than max_bytes, as all else has been checked before it got into the map
+    constexpr double kCoarsest = 1 << 20;
+    if (coarser_ >= kCoarsest) throw;
+    coarser_ *= 2;
+    Restart(2 * voxel_size_);
+  }
+  update.anew = std::exchange(begins_anew_, false);
+  update.origin = origin_;
+  size_t triangles = 0;
+  for (bool more = true; more && (triangles == 0 || Clock::now() < end);) {
+    const size_t before = update.blocks.size();
+    more = Tell(options_.max_triangles - triangles, &update);
+    for (size_t i = before; i < update.blocks.size(); ++i) triangles += update.blocks[i].mesh.triangles.size();
+    more = more && triangles < options_.max_triangles;
+  }
+  return update;
+}
+
+void LiveMesh::Read() {
+  version_ = map_->version();
+  const PlacedKeyframes map = map_->Placed();
+  if (map.voxel_size != map_voxel_size_ || map.keyframes.empty()) {
+    keyframes_.clear();
+    Restart(0);
+    coarser_ = 1;
+  }
+  map_voxel_size_ = map.voxel_size;
+  if (map.keyframes.empty() || map.voxel_size == 0) return;
+
+  std::set<KeyframeKey> present;
+  for (const PlacedKeyframe& placed : map.keyframes) present.insert(placed.key);
+  for (auto known = keyframes_.begin(); known != keyframes_.end();) {
+    if (present.count(known->first) > 0) {
+      ++known;
+      continue;
+    }
+    Mark(&Block::stale, known->second.blocks);
+    known = keyframes_.erase(known);
+  }
+  for (const PlacedKeyframe& placed : map.keyframes) ReadKeyframe(placed, map.voxel_size);
+
+  std::vector<double> spacings;
+  int64_t newest_ns = map.keyframes.front().stamp_ns;
+  for (const PlacedKeyframe& placed : map.keyframes) {
+    spacings.push_back(placed.scale * keyframes_[placed.key].spacing);
+    if (placed.stamp_ns < newest_ns) continue;
+    newest_ns = placed.stamp_ns;
+    camera_ = placed.world_from_cam.translation();
+  }
+  const double voxel_size = coarser_ * MeshVoxelSize(std::move(spacings), map.voxel_size);
+  if (voxel_size == voxel_size_ && map.origin == origin_) return;
+  origin_ = map.origin;
+  Restart(voxel_size);
+  for (const PlacedKeyframe& placed : map.keyframes) keyframes_[placed.key].placed = placed;
+}
+
+void LiveMesh::ReadKeyframe(const PlacedKeyframe& placed, double map_voxel_size) {
+  Keyframe& keyframe = keyframes_[placed.key];
+  const bool other_points = placed.points_in_camera != keyframe.placed.points_in_camera;
+  if (other_points) {
+    const PointCloud points = placed.points_in_camera->Unpack();
+    keyframe.spacing = PointSpacing(points, map_voxel_size);
+    keyframe.depth = MeanDepth(points);
+  }
+  if (keyframe.is_in && !other_points && !HasMoved(keyframe, placed)) return;
+  keyframe.placed = placed;
+  keyframe.placed.image.reset();
+  Mark(&Block::stale, keyframe.blocks);
+  keyframe.has_changed = keyframe.is_in;
+  if (keyframe.blocks.empty()) keyframe.is_in = false;  // nowhere would it be made again
+}
+
+bool LiveMesh::HasMoved(const Keyframe& keyframe, const PlacedKeyframe& placed) const {
+  const PlacedKeyframe& before = keyframe.placed;
+  constexpr double kAside = 0.6;  // of the depth
+  for (const auto& [x, y] : {std::pair{0.0, 0.0}, {kAside, 0.0}, {-kAside, 0.0}, {0.0, kAside}, {0.0, -kAside}}) {
+    const Eigen::Vector3d point = keyframe.depth * Eigen::Vector3d(x, y, 1);
+    const Eigen::Vector3d moved = placed.world_from_cam * (placed.scale * point);
+    if ((moved - before.world_from_cam * (before.scale * point)).norm() > kMovedVoxels * voxel_size_) return true;
+  }
+  return false;
+}
+
+DistanceVolumeOptions LiveMesh::VolumeOptions() const {
+  return {voxel_size_, options_.max_bytes - std::min(options_.max_bytes / 2, max_batch() * kFullBlockBytes),
+          kMinMeshConfidence};
+}
+
+void LiveMesh::Restart(double voxel_size) {
+  begins_anew_ = begins_anew_ || !blocks_.empty();
+  blocks_.clear();
+  batch_.reset();
+  volume_.reset();
+  voxel_size_ = voxel_size;
+  if (voxel_size > 0) volume_ = std::make_unique<DistanceVolume>(VolumeOptions());
+  for (auto& [key, keyframe] : keyframes_) {
+    keyframe.is_in = keyframe.has_changed = false;
+    keyframe.blocks.clear();
+  }
+}
+
+void LiveMesh::Clear() {
+  keyframes_.clear();
+  Restart(0);
+  map_voxel_size_ = 0;
+  coarser_ = 1;
+  version_.reset();
+}
+
+bool LiveMesh::AddKeyframe() {
+  Keyframe* newest = nullptr;
+  for (auto& [key, keyframe] : keyframes_) {
+    if (!keyframe.is_in && (!newest || keyframe.placed.stamp_ns >= newest->placed.stamp_ns)) newest = &keyframe;
+  }
+  if (!newest) return false;
+  const SurfaceMaps maps = SurfaceOf(newest->placed, newest->placed.scale * newest->spacing);
+  if (!maps.depth.empty()) {
+    newest->blocks = volume_->Integrate(maps.View());
+    if (batch_) batch_->volume->Integrate(maps.View(), batch_->blocks);
+    Mark(&Block::changed, newest->blocks);
+  }
+  newest->is_in = true;
+  newest->has_changed = false;
+  return true;
+}
+
+bool LiveMesh::MakeAgain() {
+  if (!batch_) StartBatch();
+  if (!batch_) return false;
+  if (batch_->keyframes.empty()) {
+    FinishBatch();
+    return true;
+  }
+  const auto keyframe = keyframes_.find(batch_->keyframes.back());
+  batch_->keyframes.pop_back();
+  if (keyframe != keyframes_.end() && keyframe->second.is_in) AddToBatch(&keyframe->second);
+  return true;
+}
+
+void LiveMesh::StartBatch() {
+  std::vector<VolumeBlock> blocks = MostUrgent(&Block::stale, max_batch());
+  if (blocks.empty()) return;
+  std::sort(blocks.begin(), blocks.end());
+  for (const VolumeBlock& block : blocks) blocks_[block].stale.reset();
+  std::vector<KeyframeKey> keyframes;
+  for (auto known = keyframes_.rbegin(); known != keyframes_.rend(); ++known) {
+    if (Intersect(known->second.blocks, blocks)) keyframes.push_back(known->first);
+  }
+  DistanceVolumeOptions options = VolumeOptions();
+  options.max_bytes = max_batch() * kFullBlockBytes;
+  batch_ = Batch{std::move(blocks), std::move(keyframes), std::make_unique<DistanceVolume>(options)};
+}
+
+void LiveMesh::AddToBatch(Keyframe* keyframe) {
+  const SurfaceMaps maps = SurfaceOf(keyframe->placed, keyframe->placed.scale * keyframe->spacing);
+  std::vector<VolumeBlock> seen;
+  if (!maps.depth.empty()) seen = batch_->volume->Integrate(maps.View(), batch_->blocks);
+  if (!keyframe->has_changed) return;
+  std::vector<VolumeBlock> others;
+  std::set_difference(seen.begin(), seen.end(), batch_->blocks.begin(), batch_->blocks.end(),
+                      std::back_inserter(others));
+  Mark(&Block::stale, others);
+  keyframe->blocks = std::move(seen);
+  keyframe->has_changed = false;
+}
+
+void LiveMesh::FinishBatch() {
+  volume_->Replace(batch_->blocks, batch_->volume.get());
+  std::vector<VolumeBlock> changed = WithNeighbours(batch_->blocks);
+  const auto has_nothing = [&](const VolumeBlock& block) {
+    return blocks_.count(block) == 0 && !volume_->HasVoxels(block);
+  };
+  changed.erase(std::remove_if(changed.begin(), changed.end(), has_nothing), changed.end());
+  Mark(&Block::changed, changed);
+  batch_.reset();
+}
+
+bool LiveMesh::Tell(size_t max_triangles, MeshUpdate* update) {
+  constexpr size_t kAtOnce = 64, kUsualTriangles = 2000;
+  size_t count = 0, expected = 0;
+  std::vector<VolumeBlock> chosen = MostUrgent(&Block::changed, kAtOnce);
+  for (; count < chosen.size() && (count == 0 || expected < max_triangles); ++count) {
+    const Block& block = blocks_[chosen[count]];
+    expected += block.triangles > 0 ? block.triangles : kUsualTriangles;
+  }
+  if (count == 0) return false;
+  chosen.resize(count);
+  std::vector<TriangleMesh> meshes = volume_->ExtractBlocks(chosen);
+  size_t triangles = 0;
+  for (size_t i = 0; i < count; ++i) {
+    const auto block = blocks_.find(chosen[i]);
+    triangles += meshes[i].triangles.size();
+    if (triangles > max_triangles && !update->blocks.empty()) return false;  // it waits
+    block->second.changed.reset();
+    const bool was_told = block->second.triangles > 0;
+    block->second.triangles = meshes[i].triangles.size();
+    const bool is_empty = meshes[i].triangles.empty();
+    if (!is_empty || was_told) update->blocks.push_back({block->second.number, std::move(meshes[i])});
+    if (is_empty && !block->second.stale) blocks_.erase(block);
+  }
+  return true;
+}
+
+void LiveMesh::Mark(Since Block::*since, const std::vector<VolumeBlock>& blocks) {
+  const auto now = Clock::now();
+  for (const VolumeBlock& place : blocks) {
+    const auto [block, is_new] = blocks_.try_emplace(place);
+    if (is_new) block->second.number = next_number_++;
+    if (!(block->second.*since)) block->second.*since = now;
+  }
+}
+
+std::vector<VolumeBlock> LiveMesh::MostUrgent(Since Block::*since, size_t count) const {
+  const auto now = Clock::now();
+  const double size = kBlockVoxels * voxel_size_;
+  std::vector<std::pair<double, VolumeBlock>> waiting;
+  for (const auto& [place, block] : blocks_) {
+    if (!(block.*since)) continue;
+    const Eigen::Vector3d middle = size * (Eigen::Vector3d(place[0], place[1], place[2]).array() + 0.5);
+    const double waited_s = std::chrono::duration<double>(now - *(block.*since)).count();
+    waiting.emplace_back((middle - camera_).norm() / (1 + waited_s), place);
+  }
+  std::sort(waiting.begin(), waiting.end());
+  std::vector<VolumeBlock> urgent;
+  for (size_t i = 0; i < std::min(count, waiting.size()); ++i) urgent.push_back(waiting[i].second);
+  return urgent;
+}
+
+bool LiveMesh::HasWork(bool make_again) const {
+  if (version_ != map_->version() || begins_anew_) return true;
+  const LiveMeshStatistics now = statistics();
+  return now.keyframes_to_add + now.to_tell + (make_again ? now.to_make_again : 0) > 0;
+}
+
+void LiveMesh::TellAll() {
+  for (auto& [place, block] : blocks_) {
+    if (block.triangles > 0 && !block.changed) block.changed = Clock::now();
+  }
+}
+
+LiveMeshStatistics LiveMesh::statistics() const {
+  LiveMeshStatistics statistics;
+  for (const auto& [key, keyframe] : keyframes_)
+    ++(keyframe.is_in ? statistics.keyframes : statistics.keyframes_to_add);
+  for (const auto& [place, block] : blocks_) {
+    statistics.blocks += block.triangles > 0 ? 1 : 0;
+    statistics.triangles += block.triangles;
+    statistics.to_tell += block.changed ? 1 : 0;
+    if (block.changed) {
+      statistics.longest_wait_s =
+          std::max(statistics.longest_wait_s, std::chrono::duration<double>(Clock::now() - *block.changed).count());
+    }
+    statistics.to_make_again += block.stale ? 1 : 0;
+  }
+  if (batch_) statistics.to_make_again += batch_->blocks.size();
+  if (volume_) statistics.bytes = volume_->bytes() + (batch_ ? batch_->volume->bytes() : 0);
+  statistics.voxel_size = voxel_size_;
+  statistics.coarser = coarser_;
+  return statistics;
+}
+
+}  // namespace acmp
