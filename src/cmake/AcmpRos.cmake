@@ -13,7 +13,7 @@ if(NOT ACMP_ROS STREQUAL "OFF")
   set(CMAKE_DISABLE_FIND_PACKAGE_GMock TRUE)
   set(ACMP_CATKIN_COMPONENTS camera_calibration_parsers diagnostic_updater dynamic_reconfigure geometry_msgs image_geometry
       image_transport message_generation nodelet pluginlib rosbag roscpp sensor_msgs std_msgs std_srvs
-      nav_msgs tf2_eigen tf2_geometry_msgs tf2_msgs tf2_ros)
+      nav_msgs tf2_eigen tf2_geometry_msgs tf2_msgs tf2_ros visualization_msgs)
   if(ACMP_ROS STREQUAL "ON")
     find_package(catkin REQUIRED COMPONENTS ${ACMP_CATKIN_COMPONENTS})
   else()

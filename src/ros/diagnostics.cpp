@@ -305,6 +305,25 @@ std::string DescribeMissing(const std::map<std::string, MapperTraffic>& mappers)
   return text;
 }
 
+namespace {
+
+void DescribeMesh(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
+  constexpr double kLongS = 5;
+  const LiveMeshStatistics& mesh = snapshot.mesh;
+  if (snapshot.mesh_listeners == 0) return status->add("mesh", "nobody listens: nothing is computed");
+  status->add("mesh", Concat(mesh.triangles, " triangles of ", mesh.keyframes, " keyframes in ", mesh.blocks,
+                             " blocks, voxels of ", mesh.voxel_size, " take ", mesh.bytes / 1000000, " MB"));
+  status->add("mesh: keyframes that are not in it yet", mesh.keyframes_to_add);
+  status->add("mesh: blocks that have changed and wait to be published", mesh.to_tell);
+  status->add("mesh: blocks to be made again, as their keyframes have changed", mesh.to_make_again);
+  if (mesh.longest_wait_s < kLongS) return;
+  status->mergeSummary(DiagnosticStatus::WARN,
+                       Concat("the mesh is ", std::lround(mesh.longest_wait_s), " s behind, ", mesh.to_tell,
+                              " blocks wait: ~mesh_rate, ~mesh_max_triangles or ~mesh_time allow no more"));
+}
+
+}  // namespace
+
 void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   const MapStatistics& map = snapshot.map;
   status->summary(DiagnosticStatus::OK, Concat(map.keyframes, " keyframes in the map"));
@@ -337,6 +356,7 @@ void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
                          Concat(map.path_too_far, " keyframes stay where they are: by the last optimized path they ",
                                 "would go farther than 2^30 voxels of size ", map.voxel_size, " from the origin"));
   }
+  DescribeMesh(snapshot, status);
   for (const auto& [reason, entry] : snapshot.incidents) {
     const std::string text = Concat(entry.count, " (", entry.last_message, ")");
     status->add("incident: " + reason, text);

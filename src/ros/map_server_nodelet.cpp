@@ -28,6 +28,7 @@
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "acmp_mapping/ros/map_output.h"
+#include "acmp_mapping/ros/mesh_output.h"
 #include "acmp_mapping/ros/nodelet_base.h"
 #include "acmp_mapping/ros/options.h"
 #include "acmp_mapping/ros/output_conversion.h"
@@ -43,7 +44,8 @@ constexpr char kSessionEnding[] = ".bag";
 constexpr size_t kMaxMappers = 100;  ///< in diagnostics and answers; those that were silent longest are forgotten
 constexpr double kMapPeriodS = 0.1;  ///< how often the map's rate limit is looked at
 constexpr double kFreePeriodS = 1;   ///< how often freed memory goes back to the system
-constexpr uint32_t kPathQueue = 2;   ///< each path replaces the one before
+constexpr double kMeshPeriodS = 0.02;
+constexpr uint32_t kPathQueue = 2;  ///< each path replaces the one before
 /// A GPU may make keyframes faster than the map takes them in. Bounds the memory of those that wait, 6 MB each of
 /// 540 x 360 px; more than any flush sends at once. What is lost beyond that is told.
 constexpr uint32_t kKeyframeQueue = 200;
@@ -66,9 +68,9 @@ RigidTransform WorldFromSession(geometry_msgs::Transform transform) {
 /// all come from: keyframes that it has no pose for move with those that it has one for.
 ///
 /// Threads: one for keyframes and paths, in the order of their arrival; one in which keyframes look around; one for
-/// services, which also publishes the map, and one for reset; one for occupancy; one for diagnostics; one that asks the
-/// ROS master. Services first wait for all keyframes that have arrived, and until they have looked: in one process with
-/// a mapper, these are all that the mapper has published.
+/// services, which also publishes the map, and one for reset; one for occupancy; one for the mesh; one for diagnostics;
+/// one that asks the ROS master. Services first wait for all keyframes that have arrived, and until they have looked:
+/// in one process with a mapper, these are all that the mapper has published.
 ///
 /// mutex_ guards what diagnostics read, for a moment; none is held while another one is taken.
 class MapServerNodelet : public NodeletBase {
@@ -78,6 +80,7 @@ class MapServerNodelet : public NodeletBase {
     looking_thread_.Stop();  // first: services wait for it
     StopThreads();
     occupancy_thread_.Stop();
+    mesh_thread_.Stop();
     if (unsaved_keyframes_ <= 0) return;
     NODELET_WARN(
         "the map ends with keyframes that came after the last save_map or save_session (%ld messages). If a second "
@@ -94,6 +97,9 @@ class MapServerNodelet : public NodeletBase {
     map_ = std::make_unique<MapStore>(options_.map);
     map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_,
                                               [this](const RejectedInput& rejected) { Report(rejected); });
+    mesh_output_ =
+        std::make_unique<MeshOutput>(mesh_thread_.Attach(getNodeHandle()), map_.get(), options_, map_output_.get(),
+                                     [this](const RejectedInput& rejected) { Report(rejected); });
     path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
     if (!options_.load_session.empty()) {
       const std::filesystem::path path = MapPathBelow(options_.save_folder, options_.load_session, kSessionEnding);
@@ -166,7 +172,10 @@ class MapServerNodelet : public NodeletBase {
     // Images and messages come and go between the points that stay: glibc keeps what they leave, a quarter of the
     // manager's memory.
     free_timer_ = status_thread_.MakeTimer(getNodeHandle(), kFreePeriodS, [] { malloc_trim(0); });
+    mesh_timer_ = mesh_thread_.MakeTimer(getNodeHandle(), kMeshPeriodS,
+                                         [this] { mesh_limit_.Run([this] { mesh_output_->PublishIfDue(); }); });
     occupancy_thread_.Start();
+    mesh_thread_.Start();
     looking_thread_.Start();
   }
 
@@ -360,6 +369,8 @@ class MapServerNodelet : public NodeletBase {
     MapSnapshot snapshot;
     snapshot.now_s = SteadySeconds();
     snapshot.map = map_->statistics();
+    snapshot.mesh = mesh_output_->statistics();
+    snapshot.mesh_listeners = mesh_output_->listeners();
     snapshot.optimized_path_topic = optimized_path_.getTopic();
     snapshot.optimized_path_publishers = optimized_path_.getNumPublishers();
     snapshot.keyframe_topic = keyframes_.getTopic();
@@ -371,12 +382,13 @@ class MapServerNodelet : public NodeletBase {
   }
 
   MapServerOptions options_;
-  CallbackThread occupancy_thread_{report_failure_}, looking_thread_{report_failure_};
+  CallbackThread occupancy_thread_{report_failure_}, mesh_thread_{report_failure_}, looking_thread_{report_failure_};
   static constexpr int kThreads = 2;  ///< each of what follows: mappers have work to do
-  ThreadLimit adding_limit_{kThreads}, looking_limit_{kThreads};
+  ThreadLimit adding_limit_{kThreads}, looking_limit_{kThreads}, mesh_limit_{kThreads};
   std::unique_ptr<ImageStore> images_;
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<MapOutput> map_output_;
+  std::unique_ptr<MeshOutput> mesh_output_;
 
   std::mutex mutex_;
   std::map<std::string, MapperTraffic> mappers_;
@@ -390,7 +402,7 @@ class MapServerNodelet : public NodeletBase {
   ros::Subscriber keyframes_;
   ros::Subscriber optimized_path_;
   ros::Publisher path_;
-  ros::WallTimer publish_timer_, occupancy_timer_, free_timer_;
+  ros::WallTimer publish_timer_, occupancy_timer_, mesh_timer_, free_timer_;
   std::unique_ptr<Diagnostics<MapSnapshot>> diagnostics_;
 };
 

@@ -335,6 +335,14 @@ OptionList OptionsOf(MapServerOptions* o) {
   list.Flag("z_up", &o->z_up,
             "z of the world points up from a floor at 0. If false, occupancy is empty where cameras are not upright in "
             "a world whose z points up, as is that of most frontends of one camera");
+  list.Number("mesh_rate", &o->mesh_rate, 0, 30, "Hz",
+              "What has changed of the mesh is published at most so often, to who listens; 0: there is no mesh");
+  list.Number("mesh_max_triangles", &o->mesh_max_triangles, 1000, 10000000, "",
+              "Triangles of a message, 120 bytes each; what has changed beyond comes with the next ones");
+  list.Number("mesh_time", &o->mesh_time, 0.001, 10, "s",
+              "What may be computed for a message; what takes longer goes on with the next ones");
+  list.Number("mesh_memory", &o->mesh_memory_gb, 0.01, 1000, "GB",
+              "What the mesh's voxels may take, while somebody listens: they get larger where they would need more");
   list.Number("memory_limit", &o->memory_limit_gb, 0.01, 1000, "GB",
               "What one keyframe or session may take while it is saved, loaded or published: more is refused before "
               "memory is asked for, and occupancy gets larger cells");

@@ -5,13 +5,16 @@
 #include <cstring>
 #include <filesystem>
 #include <limits>
+#include <map>
 #include <memory>
 
 #include <gtest/gtest.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <nav_msgs/Path.h>
 #include <tf2_eigen/tf2_eigen.h>
+#include <visualization_msgs/MarkerArray.h>
 
+#include "acmp_mapping/map/map_mesh.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/ros/output_conversion.h"
@@ -55,6 +58,29 @@ bool SamePoses(const nav_msgs::Path& path, const std::vector<RigidTransform>& po
   return true;
 }
 
+/// Triangles of each marker that a listener of the mesh has.
+std::map<int, size_t> MarkersOf(const std::vector<visualization_msgs::MarkerArray::ConstPtr>& messages) {
+  std::map<int, size_t> markers;
+  for (const auto& message : messages) {
+    for (const visualization_msgs::Marker& marker : message->markers) {
+      if (marker.action == visualization_msgs::Marker::DELETEALL) markers.clear();
+      if (marker.action == visualization_msgs::Marker::DELETE) markers.erase(marker.id);
+      if (marker.action != visualization_msgs::Marker::ADD) continue;
+      EXPECT_EQ(marker.header.frame_id, kWorldFrame);
+      EXPECT_EQ(marker.type, visualization_msgs::Marker::TRIANGLE_LIST);
+      EXPECT_EQ(marker.colors.size(), marker.points.size());
+      markers[marker.id] = marker.points.size() / 3;
+    }
+  }
+  return markers;
+}
+
+size_t TrianglesOf(const std::vector<visualization_msgs::MarkerArray::ConstPtr>& messages) {
+  size_t triangles = 0;
+  for (const auto& [id, count] : MarkersOf(messages)) triangles += count;
+  return triangles;
+}
+
 /// One run of the mapper up to the loop closure, for all cases.
 struct Session {
   // The map is compared with the points that were published: no keyframe is refined again. All of the scene is between
@@ -69,6 +95,8 @@ struct Session {
   Recorder<sensor_msgs::PointCloud2> points{mapper.nh, "points"};
   Recorder<sensor_msgs::PointCloud2> map{mapper.nh, "map_points"};
   Recorder<nav_msgs::Path> path{mapper.nh, "keyframe_path"};
+  std::unique_ptr<Recorder<visualization_msgs::MarkerArray>> mesh =
+      std::make_unique<Recorder<visualization_msgs::MarkerArray>>(mapper.nh, "mesh");
   ros::Publisher optimized_path = mapper.nh.advertise<nav_msgs::Path>("optimized_path", 2);
   std::vector<SyntheticView> views;  ///< with drifted poses
   bool mapped = false;
@@ -122,6 +150,16 @@ struct Session {
     return map.WaitForNewest([&](const auto& message) { return Same(ToPointCloud(message), expected); });
   }
 
+  /// That what was told of the mesh is the saved one. Its voxels of few points are large: 1 % are some triangles whose
+  /// distances are averaged in another order.
+  bool WaitForMesh(const std::vector<RigidTransform>& poses) {
+    const auto expected =
+        static_cast<double>(MakeMapMesh(*ExpectedStore(poses), {0, 1000000000}).mesh.triangles.size());
+    return expected > 100 && mesh->WaitUntil([&](const auto& messages) {
+      return std::abs(static_cast<double>(TrianglesOf(messages)) - expected) <= 0.01 * expected;
+    });
+  }
+
   bool WaitForPath(const std::vector<RigidTransform>& poses) {
     return path.WaitForNewest([&](const auto& message) { return SamePoses(message, poses); });
   }
@@ -154,6 +192,7 @@ TEST_F(MapTest, A_TheMapIsWhereThePosesAre) {
   const PointCloud expected = session().ExpectedMap(session().drifted_poses);
   ASSERT_GT(expected.size(), 100u);
   EXPECT_TRUE(session().WaitForMap(expected));
+  EXPECT_TRUE(session().WaitForMesh(session().drifted_poses));
   EXPECT_TRUE(session().WaitForPath(session().drifted_poses));
 }
 
@@ -162,6 +201,7 @@ TEST_F(MapTest, B_AnOptimizedPathMovesMapAndPath) {
   EXPECT_TRUE(session().WaitForPath(session().true_poses));
   EXPECT_TRUE(session().WaitForMap(session().ExpectedMap(session().true_poses))) << "published again by itself";
   EXPECT_EQ(session().map.messages().back()->header.frame_id, kWorldFrame);
+  EXPECT_TRUE(session().WaitForMesh(session().true_poses));
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({kCorrections + std::string("1")}));
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({"keyframes re-posed", "= " + std::to_string(kViews)}));
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({"without a keyframe", "= 0 of 6"}));
@@ -212,6 +252,14 @@ TEST_F(MapTest, D_OccupancyWithoutCellsNamesTheHeights) {
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({"incident: occupancy_empty", "100", "101", kWorldFrame}));
 }
 
+TEST_F(MapTest, D_WhoListensLaterGetsTheWholeMesh) {
+  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"mesh", "triangles of 6 keyframes"}));
+  session().mesh.reset();
+  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"mesh", "nobody listens: nothing is computed"}));
+  session().mesh = std::make_unique<Recorder<visualization_msgs::MarkerArray>>(session().mapper.nh, "mesh");
+  EXPECT_TRUE(session().WaitForMesh(session().true_poses));
+}
+
 /// Planners would go on seeing obstacles that are gone.
 TEST_F(MapTest, E_ResetForgetsCorrectionsAndEmptiesWhatIsLatched) {
   ASSERT_TRUE(session().mapper.Call("reset") && session().mapper.CallMap("reset"));
@@ -221,6 +269,7 @@ TEST_F(MapTest, E_ResetForgetsCorrectionsAndEmptiesWhatIsLatched) {
   EXPECT_TRUE(path.WaitForNewest([](const auto& newest) { return newest.poses.empty(); }));
   Recorder<nav_msgs::OccupancyGrid> occupancy(session().mapper.nh, "occupancy");
   EXPECT_TRUE(occupancy.WaitForNewest([](const auto& newest) { return newest.data.empty(); }));
+  EXPECT_TRUE(session().mesh->WaitUntil([](const auto& messages) { return MarkersOf(messages).empty(); }));
 }
 
 /// Of a world whose z points forward heights tell nothing, though something of the map lies between them.

@@ -13,6 +13,7 @@
 #include <ros/node_handle.h>
 
 #include "acmp_mapping/intake/input_matcher.h"
+#include "acmp_mapping/map/live_mesh.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/ros/callback_thread.h"
 #include "acmp_mapping/ros/incident_log.h"
@@ -134,6 +135,8 @@ struct MapperTraffic {
 struct MapSnapshot {
   double now_s = 0;  ///< steady clock, as of all the times below
   MapStatistics map;
+  LiveMeshStatistics mesh;
+  uint32_t mesh_listeners = 0;
   std::string optimized_path_topic;
   uint32_t optimized_path_publishers = 0;
   std::string keyframe_topic;

@@ -76,6 +76,8 @@ class MapOutput {
   /// Of the newest keyframe in the map. Nothing is published before the first.
   void SetHeader(const std::string& world_frame, int64_t stamp_ns);
   std_msgs::Header Header();
+  /// Unless the origin is zero, makes the header that of local coordinates (LocalFrame), which tf has then. Any thread.
+  void EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header);
 
   /// Far from the world's origin (kNearVoxels), where float32 does not hold them, the points are in a frame of their
   /// own with the world's axes, LocalFrame, which tf has then. Returns the number of points.
@@ -95,8 +97,6 @@ class MapOutput {
  private:
   using SaveMap = acmp_mapping::SaveMap;
 
-  /// Unless the origin is zero, makes the header that of local coordinates.
-  void EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header);
   void PublishOccupancy();
   /// Unless PublishNothing was called since emptied_ was as given.
   template <class Message>
@@ -118,13 +118,14 @@ class MapOutput {
   const MapServerOptions options_;
   const std::function<void(const RejectedInput&)> report_;
   std::atomic<bool> stopping_{false};
-  std::mutex header_mutex_;
-  std_msgs::Header header_;           ///< guarded by it
-  std::mutex publish_mutex_;          ///< held while a message is handed to roscpp
-  std::atomic<uint64_t> emptied_{0};  ///< how often; changes with publish_mutex_ held
+  std::mutex header_mutex_;  ///< guards what follows
+  std_msgs::Header header_;
+  std::string local_frame_name_;                                      ///< as tf has it
+  std::unique_ptr<tf2_ros::StaticTransformBroadcaster> local_frame_;  ///< none before it is needed
+  std::mutex publish_mutex_;                                          ///< held while a message is handed to roscpp
+  std::atomic<uint64_t> emptied_{0};                                  ///< how often; changes with publish_mutex_ held
   PublishPace points_pace_, occupancy_pace_;
   ros::Publisher points_, occupancy_;
-  std::unique_ptr<tf2_ros::StaticTransformBroadcaster> local_frame_;  ///< none before it is needed
 };
 
 }  // namespace acmp

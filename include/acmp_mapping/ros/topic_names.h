@@ -39,6 +39,7 @@ constexpr char kNormalPicture[] = "normal/image_vis";
 constexpr char kPoints[] = "points";
 constexpr char kMapPoints[] = "map_points";
 constexpr char kOccupancy[] = "occupancy";
+constexpr char kMesh[] = "mesh";
 constexpr char kKeyframePose[] = "keyframe_pose";
 constexpr char kKeyframePath[] = "keyframe_path";
 constexpr char kKeyframeDepth[] = "keyframe_depth";

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <functional>
+#include <mutex>
+
+#include <ros/node_handle.h>
+#include <std_msgs/Header.h>
+
+#include "acmp_mapping/map/live_mesh.h"
+#include "acmp_mapping/ros/map_output.h"
+#include "acmp_mapping/ros/options.h"
+
+namespace acmp {
+
+/// The topic mesh (visualization_msgs/MarkerArray): what has changed of the map's mesh, each block of space as a
+/// TRIANGLE_LIST whose id stays the same, DELETE where it has gone, DELETEALL where all has. A new listener gets all
+/// blocks (and so do the others once more), in as many messages as that takes. Nothing is computed, nor held in memory,
+/// while nobody listens.
+class MeshOutput {
+ public:
+  /// @param map and map_output outlive this
+  /// @param report told what is less than it should be; in the thread of PublishIfDue
+  MeshOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options, MapOutput* map_output,
+             std::function<void(const RejectedInput&)> report);
+
+  /// Publishes the next changes when it is time to. In a thread of its own, often.
+  void PublishIfDue();
+
+  LiveMeshStatistics statistics() const;  ///< any thread
+  uint32_t listeners() const { return publisher_.getNumSubscribers(); }
+
+ private:
+  void Publish(const MeshUpdate& update, std_msgs::Header header);
+
+  const MapServerOptions options_;
+  MapOutput* const map_output_;
+  const std::function<void(const RejectedInput&)> report_;
+  LiveMesh mesh_;
+  bool is_listened_to_ = false;
+  double next_s_ = 0, next_again_s_ = 0;  ///< steady clock
+  std_msgs::Header header_;               ///< of the last blocks; no frame: none were published
+  bool is_new_listener_ = false;
+  mutable std::mutex statistics_mutex_;
+  LiveMeshStatistics statistics_;  ///< guarded by it
+  ros::Publisher publisher_;       ///< last: its callbacks use what is above
+};
+
+}  // namespace acmp
