@@ -39,7 +39,9 @@ foreach(program acmp_reconstruct acmp_evaluate acmp_make_bag acmp_check_bag acmp
 endforeach()
 
 # Debian's policy: licence and changelog; Python files are compiled where they are installed, and removed with the package.
-install(CODE "file(GLOB_RECURSE folders LIST_DIRECTORIES true \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${CATKIN_PACKAGE_PYTHON_DESTINATION}/*__pycache__\")
+install(CODE "set(python \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${CATKIN_PACKAGE_PYTHON_DESTINATION}\")
+file(GLOB_RECURSE folders LIST_DIRECTORIES true \"\${python}/*\")  # folders whatever the pattern
+list(FILTER folders INCLUDE REGEX \"/__pycache__$\")
 if(folders)
   file(REMOVE_RECURSE \${folders})
 endif()")
