@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <iostream>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -82,10 +83,14 @@ class MapServerNodelet : public NodeletBase {
     occupancy_thread_.Stop();
     mesh_thread_.Stop();
     if (unsaved_keyframes_ <= 0) return;
-    NODELET_WARN(
-        "the map ends with keyframes that came after the last save_map or save_session (%ld messages). If a second "
-        "launch in the same namespace has ended this one: give it another (namespace:=)",
-        static_cast<long>(unsaved_keyframes_));
+    const std::string text = Concat(
+        "the map ends with keyframes that came after the last save_map or save_session (", unsaved_keyframes_,
+        " messages). If a second launch in the same namespace has ended this one: give it another (namespace:=)");
+    if (ros::ok()) {
+      NODELET_WARN("%s", text.c_str());
+    } else {  // the log has ended with ROS, as it does for a second launch and Ctrl-C
+      std::cerr << getName() << ": " << text << std::endl;
+    }
   }
 
  private:
