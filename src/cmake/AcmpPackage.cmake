@@ -29,14 +29,12 @@ list(JOIN depends ", " CPACK_DEBIAN_PACKAGE_DEPENDS)
 set(CPACK_DEBIAN_PACKAGE_RECOMMENDS "python3-pil, rviz")
 set(CPACK_DEBIAN_PACKAGE_SUGGESTS "colmap, python3-distributed")
 
-# Tools on PATH; rosrun looks in lib/acmp_mapping.
-set(links ${PROJECT_BINARY_DIR}/package/links)
-file(MAKE_DIRECTORY ${links})
-foreach(program acmp_reconstruct acmp_evaluate acmp_make_bag acmp_check_bag acmp_make_scene acmp_benchmark
-                acmp_cluster.py)
-  file(CREATE_LINK ../lib/${PROJECT_NAME}/${program} ${links}/${program} SYMBOLIC)
-  install(FILES ${links}/${program} DESTINATION bin)
-endforeach()
+# Tools on PATH; rosrun looks in lib/acmp_mapping. The links are made where they lead somewhere: roslib fails at others that
+# it finds in a build folder.
+install(CODE "file(MAKE_DIRECTORY \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/bin\")
+foreach(program acmp_reconstruct acmp_evaluate acmp_make_bag acmp_check_bag acmp_make_scene acmp_benchmark acmp_cluster.py)
+  file(CREATE_LINK ../lib/${PROJECT_NAME}/\${program} \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/bin/\${program}\" SYMBOLIC)
+endforeach()")
 
 # Debian's policy: licence and changelog; Python files are compiled where they are installed, and removed with the package.
 install(CODE "set(python \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${CATKIN_PACKAGE_PYTHON_DESTINATION}\")

@@ -267,7 +267,9 @@ TEST(Parameters, AreFewAndExplained) {
     EXPECT_FALSE(option.group.empty()) << option.name;
   }
   EXPECT_NO_THROW(all.Check());
-  EXPECT_LE(names.size(), 53u);
+  // What nobody could judge is a constant: whoever adds one says here who needs it. The mesh has four, as its rate and
+  // what it may take depend on the machine; z_up what nobody can see in images alone.
+  EXPECT_LE(names.size(), 58u);
 }
 
 }  // namespace
