@@ -8,7 +8,8 @@ deb=$(realpath "${1:-/package.deb}")
 name=$(dpkg-deb --field "$deb" Package)
 work=$(mktemp -d)
 cd "$work" # nothing of a checkout is found
-export ROS_HOME=$work/ros_home ROS_HOSTNAME=localhost PYENV_VERSION=system LC_ALL=C.UTF-8 DEBIAN_FRONTEND=noninteractive
+export ROS_HOME=$work/ros_home ROS_HOSTNAME=localhost PYENV_VERSION=system LC_ALL=C.UTF-8
+export PYTHONUNBUFFERED=1 DEBIAN_FRONTEND=noninteractive # roslaunch says at once that the player has ended
 launch=
 trap '[ -z "$launch" ] || kill -INT "$launch" 2>/dev/null || true; wait; rm -rf "$work"' EXIT
 
