@@ -1,10 +1,8 @@
 #include "keyframe_window.h"
 
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
-#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
