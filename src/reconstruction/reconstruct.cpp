@@ -106,7 +106,7 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   interrupt.Check();
   CheckSizes(scene, indices, options);
   FrameStore frames(scene, options.max_image_size, options.MemoryBytes(options.kImageShare));
-  if (const std::string doubt = DescribePoseDoubt(scene, indices, &frames); !doubt.empty()) progress.Warn(doubt);
+  if (const std::string doubt = DescribePoseDoubt(scene, plan, &frames); !doubt.empty()) progress.Warn(doubt);
   if (plans) return PlanStages(scene, plan, options, interrupt, &frames, &progress, out);
   progress.Note(Concat("checking ", indices.size(), " images"));
   const std::vector<FileStamps> stamps = StampsOf(scene, indices);

@@ -132,7 +132,7 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
   interrupt->Check();
   CheckSizes(scene, indices, options);
   scene.landmarks_in_world.clear();
-  const std::string doubt = DescribePoseDoubt(scene, indices, &frames);
+  const std::string doubt = DescribePoseDoubt(scene, plan, &frames);
   if (!doubt.empty()) plan.warnings.push_back(doubt);
   const Devices devices(make_devices());
   std::ostream nowhere(nullptr);

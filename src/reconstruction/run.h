@@ -127,8 +127,7 @@ PointsJudgement JudgePoints(const ReconstructRun& run, size_t points);
 
 /// What neighbouring images say against the poses as given, and what fits: empty where they fit, or the images tell too
 /// little. Takes some tenths of a second.
-/// @param indices of scene images in their order; of a wide one the first face counts
-std::string DescribePoseDoubt(const Scene& scene, const std::vector<int>& indices, FrameStore* frames);
+std::string DescribePoseDoubt(const Scene& scene, const ReconstructPlan& plan, FrameStore* frames);
 
 /// A warning for each image that gets no map, with the reason.
 void ReportImagesWithoutMap(const ReconstructPlan& plan, const Scene& scene, Progress* progress);
