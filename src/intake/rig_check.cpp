@@ -1,6 +1,7 @@
 #include "acmp_mapping/intake/rig_check.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -102,6 +103,103 @@ std::optional<double> FindLength(const RigMatches& matches, const RigidTransform
   return middle;
 }
 
+/// A small turn of the source camera, and the length of the baseline in that which is declared.
+struct RigFit {
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rad, about the source camera's axes
+  double length = 1;
+  double share = 0;  ///< of the matches that lie where they should: at their known depths, else on their lines
+};
+
+RigidTransform Turned(const RigidTransform& source_from_cam, const RigFit& fit) {
+  RigidTransform place = source_from_cam;
+  place.translation() *= fit.length;
+  const double angle = fit.turn.norm();
+  if (angle > 0) place = Eigen::AngleAxisd(angle, fit.turn / angle) * place;
+  return place;
+}
+
+/// How far a match is from where its depth puts it in the source camera, else from its line; z = 1.
+Eigen::Vector2d MissOf(const RigMatches& matches, size_t i, const RigidTransform& place) {
+  const Eigen::Vector3d& other = matches.other_rays[i];
+  if (matches.depths[i]) {
+    const Eigen::Vector3d point = place * (*matches.depths[i] * matches.rays[i]);
+    return point.z() > 0 ? Eigen::Vector2d((other - point / point.z()).head<2>()) : Eigen::Vector2d(HUGE_VAL, HUGE_VAL);
+  }
+  const Eigen::Vector3d line = place.translation().cross(place.linear() * matches.rays[i]);
+  const double norm = line.head<2>().norm();
+  return {norm > 0 ? other.dot(line) / norm : HUGE_VAL, 0};
+}
+
+/// By Gauss and Newton, with Cauchy's weights, whose reach shrinks.
+/// @param turns false: the length alone
+RigFit FitRig(const RigMatches& matches, bool turns) {
+  constexpr double kReach = 0.1, kShrinks = 1.5;  // rad
+  constexpr int kIterations = 20;
+  constexpr double kStep = 1e-6, kDamping = 1e-3;
+  const RigidTransform& declared = matches.source_from_cam;
+  const double near = NearLine(matches.focal_length) / matches.focal_length;
+  RigFit fit;
+  fit.length = FindLength(matches, declared).value_or(1);
+  double reach = kReach;
+  for (int iteration = 0; iteration < kIterations; ++iteration, reach = std::max(near, reach / kShrinks)) {
+    Eigen::Matrix4d normal = kDamping * Eigen::Matrix4d::Identity();
+    Eigen::Vector4d right = Eigen::Vector4d::Zero();
+    const RigidTransform place = Turned(declared, fit);
+    std::array<RigidTransform, 4> changed;
+    for (int k = 0; k < 4; ++k) {
+      RigFit other = fit;
+      if (k == 3) other.length *= 1 + kStep;
+      if (k < 3 && turns) other.turn[k] += kStep;
+      changed[static_cast<size_t>(k)] = Turned(declared, other);
+    }
+    for (size_t i = 0; i < matches.rays.size(); ++i) {
+      const Eigen::Vector2d miss = MissOf(matches, i, place);
+      Eigen::Matrix<double, 2, 4> slopes;
+      for (int k = 0; k < 4; ++k) slopes.col(k) = (MissOf(matches, i, changed[static_cast<size_t>(k)]) - miss) / kStep;
+      if (!slopes.allFinite()) continue;
+      const double weight = std::pow(1 + miss.squaredNorm() / (reach * reach), -2);
+      normal += weight * slopes.transpose() * slopes;
+      right -= weight * slopes.transpose() * miss;
+    }
+    const Eigen::Vector4d step = normal.ldlt().solve(right);
+    constexpr double kMost = 2;
+    fit.length *= std::clamp(1 + step[3], 1 / kMost, kMost);
+    fit.turn += step.head<3>();
+  }
+  const RigidTransform place = Turned(declared, fit);
+  size_t count = 0;
+  for (size_t i = 0; i < matches.rays.size(); ++i) count += MissOf(matches, i, place).norm() < near;
+  fit.share = static_cast<double>(count) / static_cast<double>(matches.rays.size());
+  return fit;
+}
+
+/// A turn of a degree and more that explains the matches; empty: there is none. Along the baseline only known depths
+/// tell it, and only where the declared length is right with it: else they may be of something else beside a pixel.
+std::string DescribeTurn(const RigMatches& matches) {
+  constexpr double kLeast = M_PI / 180;
+  constexpr double kMore = 0.05, kMoreAlong = 0.02;  // of the matches
+  constexpr std::ptrdiff_t kFewestDepths = 20;
+  constexpr double kSameLength = 1.4;
+  const RigFit unturned = FitRig(matches, false), turned = FitRig(matches, true);
+  const double more = turned.share - unturned.share;
+  const Eigen::Vector3d axis = Eigen::Vector3d::UnitZ().cross(matches.source_from_cam.translation()).normalized();
+  const Eigen::Vector3d along = turned.turn.dot(axis) * axis, across = turned.turn - along;
+  const auto depths =
+      std::count_if(matches.depths.begin(), matches.depths.end(), [](const auto& depth) { return depth.has_value(); });
+  const bool tells_along = depths >= kFewestDepths && more > kMoreAlong && along.norm() > kLeast &&
+                           turned.length < kSameLength && turned.length > 1 / kSameLength;
+  const bool tells_across = more > kMore && across.norm() > kLeast;
+  if (turned.share < kFits || (!tells_along && !tells_across)) return "";
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();
+  if (tells_along) turn += along;
+  if (tells_across) turn += across;
+  turn *= 180 / M_PI;
+  return Concat("where it is declared, ", PerCent(unturned.share), " % of ", matches.rays.size(),
+                " matches between images of one instant fit, and ", PerCent(turned.share), " % if it were turned by ",
+                std::round(10 * turn.norm()) / 10, " degrees more, ", Rounded(turn, 10),
+                " about its axes: the calibration is off, or images are not rectified as the camera_infos have it");
+}
+
 /// Depths of an image's pixels, by the landmark next to each, else by matches with the image before.
 std::vector<std::optional<double>> KnownDepths(const FeatureImage& image,
                                                const std::vector<Eigen::Vector3d>& landmarks_in_world,
@@ -169,6 +267,7 @@ std::string JudgeRig(const RigMatches& matches) {
         " of the camera: the sign of P[3] of the camera_infos is wrong, ~T_cam_source is inverted, or the two "
         "cameras are swapped");
   }
+  if (const std::string turn = DescribeTurn(matches); !turn.empty()) return turn;
   if (share >= kFits) {
     const auto length = FindLength(matches, declared);
     return length ? DescribeLength(*length) : "";

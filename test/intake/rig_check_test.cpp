@@ -61,7 +61,13 @@ class RigCheckTest : public ::testing::Test {
     return at == std::string::npos ? NAN : std::strtod(text.c_str() + at + 11, nullptr);
   }
 
-  const std::vector<SyntheticView> moving_ = Views(false), standing_ = Views(true);
+  /// Rendered once.
+  static const std::vector<SyntheticView>& ViewsOf(bool standing) {
+    static const std::vector<SyntheticView> moving = Views(false), stands = Views(true);
+    return standing ? stands : moving;
+  }
+
+  const std::vector<SyntheticView>&moving_ = ViewsOf(false), &standing_ = ViewsOf(true);
 };
 
 TEST_F(RigCheckTest, APairThatFitsIsNotToldOf) {
@@ -86,6 +92,18 @@ TEST_F(RigCheckTest, ImagesThatAreNotRectifiedAreTold) {
     });
     EXPECT_THAT(text, AllOf(HasSubstr("rectified"), HasSubstr("turned by")));
     EXPECT_NEAR(std::strtod(text.c_str() + text.find("turned by ") + 10, nullptr), 0.07 * 180 / M_PI, 0.7) << text;
+  }
+}
+
+TEST_F(RigCheckTest, ATurnOfTwoDegreesIsTold) {
+  for (const auto* views : {&moving_, &standing_}) {
+    for (const Eigen::Vector3d& axis :
+         {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0, 1, 0), Eigen::Vector3d(0, -1, 0)}) {
+      const std::string text = Said(*views, [&](const RigidTransform& truth) {
+        return RigidTransform(Eigen::AngleAxisd(2 * M_PI / 180, axis)) * truth;
+      });
+      EXPECT_NEAR(std::strtod(text.c_str() + text.find("turned by ") + 10, nullptr), 2, 0.3) << axis << "\n" << text;
+    }
   }
 }
 
