@@ -176,6 +176,24 @@ class LaunchFiles(unittest.TestCase):
         viewer = node_of(load("demo.launch", bag="/some.bag"), "viewer")
         self.assertTrue(Path(viewer.args.split()[1]).exists(), viewer.args)
 
+    def test_the_demo_plays_the_room_that_it_has_rendered(self):
+        with tempfile.TemporaryDirectory() as folder:
+            room = Path(folder) / "acmp_room.bag"
+            make = Path(folder) / "make"  # its last argument is the file
+            make.write_text("#!/bin/bash\necho rendered\necho room >${@: -1}\n", encoding="utf-8")
+            make.chmod(0o755)
+            prefix = shlex.split(node_of(load("demo.launch", rviz="false", make_bag=str(make)), "player").launch_prefix)
+
+            def play():
+                return subprocess.run([*prefix, "cat", room.name], cwd=folder, check=True, stdout=subprocess.PIPE,
+                                      text=True).stdout.splitlines()
+            self.assertEqual(play(), ["rendered", "room"])
+            self.assertEqual(play(), ["room"])
+            room.write_text("of somebody else\n", encoding="utf-8")
+            self.assertEqual(play()[-2:], ["rendered", "room"])
+            self.assertEqual((Path(folder) / "acmp_room.bag.other").read_text(encoding="utf-8"), "of somebody else\n")
+            self.assertEqual(play(), ["room"])
+
     def test_z_up_is_told_to_map_and_viewer(self):
         for launch, arguments in (("dense_mapper.launch", {}), ("demo.launch", {"bag": "/some.bag"})):
             config = load(launch, "rviz:=true", **arguments)
