@@ -1,7 +1,12 @@
 // Loading and unloading the nodelet in a manager while data flows, and refusing to start with bad parameters.
 
+#include <fcntl.h>
+
 #include <atomic>
 #include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <thread>
 
 #include <gmock/gmock.h>
@@ -126,18 +131,53 @@ TEST_F(LifecycleTest, UnloadEndsAFlushThatWaits) {
   EXPECT_THAT(LoadedNames(), ::testing::IsEmpty());
 }
 
+/// A program beside dense_mapper_node, as a process of its own.
+/// @param errors file for its standard error
+pid_t StartProgram(const std::string& name, const std::vector<std::string>& arguments,
+                   const std::string& errors = "/dev/stderr") {
+  const std::string path = std::filesystem::path(ACMP_NODE_PATH).replace_filename(name).string();
+  std::vector<char*> words = {const_cast<char*>(path.c_str())};
+  for (const std::string& argument : arguments) words.push_back(const_cast<char*>(argument.c_str()));
+  words.push_back(nullptr);
+  const pid_t child = ::fork();
+  if (child != 0) return child;
+  const int file = ::open(errors.c_str(), O_WRONLY | O_CREAT | O_APPEND, 0600);
+  ::dup2(file, STDERR_FILENO);
+  ::execv(path.c_str(), words.data());
+  ::_exit(127);
+}
+
+TEST_F(LifecycleTest, AMapThatASecondStartEndsTellsWhatIsNotSaved) {
+  const EndlessPlayer player(mapper().player);
+  ASSERT_TRUE(Load());
+  const std::filesystem::path errors =
+      std::filesystem::temp_directory_path() / Concat("acmp_second_start_", ::getpid());
+  const pid_t first = StartProgram("map_server_node", {"__name:=map_server"}, errors.string());
+  ASSERT_GT(first, 0);
+  Recorder<nav_msgs::Path> path(mapper().nh, "keyframe_path");
+  EXPECT_TRUE(path.WaitForCount(1));
+  const pid_t second = StartProgram("map_server_node", {"__name:=map_server"});
+  ASSERT_GT(second, 0);
+  int status = -1;
+  EXPECT_EQ(::waitpid(first, &status, 0), first);
+  EXPECT_TRUE(WIFEXITED(status));
+  std::ifstream file(errors);
+  const std::string told((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  EXPECT_THAT(told, ::testing::HasSubstr("keyframes that came after the last save_map"));
+  EXPECT_THAT(told, ::testing::HasSubstr("namespace:="));
+  ::kill(second, SIGINT);
+  EXPECT_EQ(::waitpid(second, &status, 0), second);
+  std::filesystem::remove(errors);
+  EXPECT_TRUE(Unload());
+}
+
 TEST_F(LifecycleTest, StandaloneNodeEndsCleanlyOnSignals) {
   const EndlessPlayer player(mapper().player);
   for (const int signal : {SIGTERM, SIGINT}) {
     const std::string topic = Concat("/keyframe_pose_", signal);  // what comes there is of this one
     Recorder<geometry_msgs::PoseStamped> poses(mapper().nh, topic);
-    const pid_t child = ::fork();
-    ASSERT_GE(child, 0);
-    if (child == 0) {
-      const std::string remap = "keyframe_pose:=" + topic;
-      ::execl(ACMP_NODE_PATH, ACMP_NODE_PATH, "__name:=dense_mapper", remap.c_str(), static_cast<char*>(nullptr));
-      ::_exit(127);
-    }
+    const pid_t child = StartProgram("dense_mapper_node", {"__name:=dense_mapper", "keyframe_pose:=" + topic});
+    ASSERT_GT(child, 0);
     EXPECT_TRUE(poses.WaitForCount(1));
     ::kill(child, signal);
     int status = -1;
