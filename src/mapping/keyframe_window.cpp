@@ -148,7 +148,7 @@ KeyframeWindow::Candidates KeyframeWindow::CandidatesOf(const WindowKeyframe& ke
     if (!is_own && !of_all_captures) continue;
     for (const WindowKeyframePtr& image : capture) {
       if (image.get() == &keyframe) continue;
-      const bool is_companion = !image->is_mapped && image != capture.front();
+      const bool is_companion = !image->is_mapped && capture.front()->is_mapped;  // else the capture is left out
       if (is_companion && !is_own) continue;
       candidates.keyframes.push_back(image);
       candidates.views.push_back({CameraOf(*image->frame), is_own || image->is_mapped ? kMapped : kNotMapped});

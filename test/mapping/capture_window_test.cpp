@@ -70,6 +70,14 @@ TEST(CaptureWindowTest, CompanionsOfOtherCapturesAreNoSourceViews) {
   EXPECT_THAT(harness.SourcesOf("photometric", 4), UnorderedElementsAre(5, 0, 2));
 }
 
+TEST(CaptureWindowTest, AllImagesOfACaptureWithoutKeyframesAreSourceViews) {
+  CaptureHarness harness(FakeOptions(8, 0));
+  harness.AddPair(0, 0);
+  harness.mapper.AddCapture({{}, {WallFrame(2, 0.35), WallFrame(3, 0.55)}});  // a wide image that overload leaves out
+  harness.AddPair(4, 0.7);
+  EXPECT_THAT(harness.SourcesOf("photometric", 4), UnorderedElementsAre(5, 0, 2, 3));
+}
+
 TEST(CaptureWindowTest, TheWindowHoldsSoManyCaptures) {
   CaptureHarness harness(FakeOptions(3, 0));
   for (int i = 0; i < 5; ++i) harness.AddPair(2 * i, 0.35 * i);
