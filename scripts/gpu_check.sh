@@ -9,7 +9,7 @@ set -euo pipefail
 programs="src/tools/acmp_reconstruct src/tools/acmp_evaluate src/tools/acmp_benchmark src/tools/acmp_make_scene
   test/patch_match/test_cuda_parity test/patch_match/test_patch_match_passes
   test/fill/test_fill test/backend/test_backend
-  test/backend/test_several_gpus test/fusion/test_fusion
+  test/backend/test_several_gpus test/backend/test_texture_pool test/fusion/test_fusion
   test/pipeline/test_pipeline_synthetic test/pipeline/test_masks test/pipeline/test_prior_depth"
 
 bundle() {
