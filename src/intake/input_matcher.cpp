@@ -29,6 +29,16 @@ auto Nearest(Received& received, int64_t stamp_ns, bool unused = false) -> declt
   return nearest;
 }
 
+std::string DescribeSecondPose(const PoseSample& first, const PoseSample& second) {
+  const RigidTransform step = first.received.inverse() * second.received;
+  const double degrees = Eigen::AngleAxisd(step.linear()).angle() * 180 / M_PI;
+  const bool is_of_same_world = first.world_frame == second.world_frame;
+  return Concat("two poses have the stamp ", FormatStamp(first.stamp_ns), "; the second is not used: it lies ",
+                step.translation().norm(), " from the first and is turned by ", degrees, " degrees",
+                is_of_same_world ? "" : ", in " + second.world_frame + " instead of " + first.world_frame,
+                ". Do two programs publish poses?");
+}
+
 }  // namespace
 
 InputMatcher::InputMatcher(const InputMatcherOptions& options)
@@ -64,6 +74,15 @@ void InputMatcher::AddImage(ImageSample image) {
 
 void InputMatcher::AddPose(PoseSample pose) {
   const int64_t stamp_ns = pose.stamp_ns;
+  const auto& received = poses_.received;
+  for (auto p = received.rbegin(); p != received.rend() && p->stamp_ns >= stamp_ns; ++p) {
+    if (p->stamp_ns > stamp_ns + kTimeJumpNs) break;  // of the run before
+    if (p->stamp_ns != stamp_ns) continue;
+    const bool is_sent_again = p->sample.received.isApprox(pose.received) &&
+                               p->sample.world_frame == pose.world_frame && p->sample.child_frame == pose.child_frame;
+    if (!is_sent_again) events_.push_back(RejectedInput{"duplicate_pose", DescribeSecondPose(p->sample, pose)});
+    return;
+  }
   new_poses_ns_.push_back(stamp_ns);
   poses_.Add(stamp_ns, std::move(pose), kPoseCapacity);
 }

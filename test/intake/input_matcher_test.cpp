@@ -176,6 +176,36 @@ TEST(InputMatcher, RefusesDuplicateAndLateImages) {
   EXPECT_THAT(m.Take().reasons, ElementsAre("duplicate_image", "late_image"));
 }
 
+TEST(InputMatcher, TellsOfASecondPoseOfOneStampAndUsesTheFirst) {
+  Matching m;
+  m.Pose(0, 1);
+  m.Pose(0, 1);
+  EXPECT_THAT(m.Take().reasons, IsEmpty()) << "sent again";
+  m.Pose(40 * kMs, 2);
+  m.Pose(0, 1.5);  // of a second publisher, after the next one of the first
+  m.Pose(40 * kMs, 2.25);
+  const Taken taken = m.Take();
+  EXPECT_THAT(taken.reasons, ElementsAre("duplicate_pose", "duplicate_pose"));
+  EXPECT_THAT(taken.message, HasSubstr("0.25 from the first"));
+  m.Image(0);
+  m.Image(40 * kMs);
+  EXPECT_THAT(m.Take().poses, ElementsAre(1, 2));
+  m.Pose(40 * kMs, 2.5);
+  EXPECT_THAT(m.Take().reasons, ElementsAre("duplicate_pose")) << "also when the first has been used";
+}
+
+TEST(InputMatcher, PosesOfARecordingThatBeginsAnewAreNoSecondOnes) {
+  Matching m;
+  for (int i = 0; i < 10; ++i) m.Posed(i * 40 * kMs, i);
+  EXPECT_EQ(m.Take().stamps.size(), 10u);
+  m.Pose(0, 100);  // before the image that shows that time went back
+  m.Image(0);
+  const Taken taken = m.Take();
+  EXPECT_EQ(taken.jumps, 1u);
+  EXPECT_THAT(taken.reasons, IsEmpty());
+  EXPECT_THAT(taken.poses, ElementsAre(100));
+}
+
 TEST(InputMatcher, ClearReportsWhatWaitedAndRemembersNothing) {
   Matching m;
   m.Image(0);
