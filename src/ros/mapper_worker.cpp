@@ -140,6 +140,7 @@ void MapperWorker::ResetGate() {
 
 void MapperWorker::BeginRun() {
   if (mapper_) mapper_->Reset();
+  outputs_->ForgetNewest();
   if (!IsLive(node_options_)) ResetGate();
   preparation_.ForgetRigs();  // another world may have another unit
   run_ = NewRun();

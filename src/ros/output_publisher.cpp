@@ -137,28 +137,47 @@ void OutputPublisher::Advertise(const std::string& face, ImageTopics* topics) {
   topics->depth_fast = transport_.advertiseCamera(prefix + names::kDepthFast, kQueue);
   for (const auto& [name, make] :
        {std::pair<const char*, MakeImage>(names::kDepth, &DepthImageOf), {names::kColor, &ColorImageOf}}) {
-    const auto publisher = transport_.advertiseCamera(prefix + name, kQueue, ForNewcomers(face, make), {},
-                                                      ForNewcomers(face, &CameraInfoOf), {}, {}, kLatched);
-    topics->publish_refined.emplace_back([publisher, make = make](const KeyframeOutput& output) {
-      if (publisher.getNumSubscribers() > 0) publisher.publish(make(output), CameraInfoOf(output));
-    });
+    topics->refined.push_back({[this, face, topic = prefix + name, make = make]() -> ImagePublisher {
+      const auto publisher = transport_.advertiseCamera(topic, kQueue, ForNewcomers(face, make), {},
+                                                        ForNewcomers(face, &CameraInfoOf), {}, {}, kLatched);
+      return {[publisher] { return publisher.getNumSubscribers(); },
+              [publisher, make](const KeyframeOutput& o) { publisher.publish(make(o), CameraInfoOf(o)); }};
+    }});
   }
-  const auto add = [topics](const auto& publisher, const MakeImage& make) {
-    topics->publish_refined.emplace_back([publisher, make](const KeyframeOutput& output) {
-      if (publisher.getNumSubscribers() > 0) publisher.publish(make(output));
-    });
+  const auto add = [topics](const MakeImage& make, const auto& advertise) {
+    topics->refined.push_back({[advertise, make]() -> ImagePublisher {
+      const auto publisher = advertise();
+      return {[publisher] { return publisher.getNumSubscribers(); },
+              [publisher, make](const KeyframeOutput& o) { publisher.publish(make(o)); }};
+    }});
   };
   const MakeImage make_millimetres = [](const KeyframeOutput& o) { return ToDepthMillimetres(*DepthImageOf(o)); };
-  add(nh_.advertise<sensor_msgs::Image>(prefix + names::kDepthMillimetres, kQueue, ForNewcomers(face, make_millimetres),
-                                        {}, {}, kLatched),
-      make_millimetres);
+  add(make_millimetres, [this, face, topic = prefix + names::kDepthMillimetres, make_millimetres] {
+    return nh_.advertise<sensor_msgs::Image>(topic, kQueue, ForNewcomers(face, make_millimetres), {}, {}, kLatched);
+  });
   const std::pair<const char*, MakeImage> others[] = {{names::kDepthPicture, &DepthPictureOf},
                                                       {names::kConfidence, &ConfidenceImageOf},
                                                       {names::kConfidencePicture, &ConfidencePictureOf},
                                                       {names::kNormal, &NormalImageOf},
                                                       {names::kNormalPicture, &NormalPictureOf}};
   for (const auto& [name, make] : others) {
-    add(transport_.advertise(prefix + name, kQueue, ForNewcomers(face, make), {}, {}, kLatched), make);
+    add(make, [this, face, topic = prefix + name, make = make] {
+      return transport_.advertise(topic, kQueue, ForNewcomers(face, make), {}, {}, kLatched);
+    });
+  }
+}
+
+void OutputPublisher::ForgetNewest() {
+  UpdateStatus([this](OutputStatus* /*status*/) { newest_.clear(); });
+  const double end_s = SteadySeconds() + 1;
+  for (auto& [face, topics] : image_topics_) {
+    for (RefinedTopic& topic : topics.refined) {
+      if (!std::exchange(topic.has_published, false)) continue;
+      const uint32_t listeners = topic.publisher.listeners();
+      topic.publisher = {};  // roscpp forgets what it holds only with the publisher
+      topic.publisher = topic.advertise();
+      while (topic.publisher.listeners() < listeners && SteadySeconds() < end_s) ros::WallDuration(0.005).sleep();
+    }
   }
 }
 
@@ -266,7 +285,11 @@ void OutputPublisher::HandleDrop(const KeyframeDrop& drop) {
 }
 
 void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
-  for (const auto& publish : TopicsOf(output.origin()).publish_refined) publish(output);
+  for (RefinedTopic& topic : TopicsOf(output.origin()).refined) {
+    if (topic.publisher.listeners() == 0) continue;
+    topic.publisher.publish(output);
+    topic.has_published = true;
+  }
   if (points_.getNumSubscribers() > 0) {
     const std_msgs::Header header = MakeHeader(output.origin().stamp_ns, output.origin().camera_frame);
     points_.publish(ToPointsAtReceivedPose(output, header));

@@ -140,6 +140,29 @@ TEST_F(ServicesTest, WhoSubscribesLateGetsTheNewestImages) {
   }
 }
 
+TEST_F(ServicesTest, AfterAResetNobodyGetsImagesOfTheRunBefore) {
+  const char* topics[] = {"confidence/image_vis", "depth/image_vis", "normal/image"};
+  {
+    // For these roscpp holds what was sent last, also when they are gone.
+    Recorder<sensor_msgs::Image> confidence(mapper().nh, topics[0]), depth(mapper().nh, topics[1]);
+    ASSERT_TRUE(confidence.WaitForPublisher() && depth.WaitForPublisher());
+    ASSERT_EQ(mapper().Map(Scene()), kViews);
+    ASSERT_TRUE(confidence.WaitForCount(kViews) && depth.WaitForCount(kViews));
+  }
+  ASSERT_TRUE(mapper().Call("reset"));
+  std::vector<std::unique_ptr<Recorder<sensor_msgs::Image>>> late;
+  for (const char* topic : topics) {
+    late.push_back(std::make_unique<Recorder<sensor_msgs::Image>>(mapper().nh, topic));
+    ASSERT_TRUE(late.back()->WaitForPublisher()) << topic;
+  }
+  const std::vector<ViewMessages> next = MakeSmallScene(kViews, StartS() + 50);
+  ASSERT_EQ(mapper().Map(next), kViews) << "who listened to depth goes on";
+  for (const auto& recorder : late) {
+    ASSERT_TRUE(recorder->WaitForCount(1));
+    EXPECT_GE(recorder->messages()[0]->header.stamp, next[0].image.header.stamp);
+  }
+}
+
 TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormatsAndFindsRelativeOnes) {
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   const std::string top = fs::canonical(fs::temp_directory_path()).string();

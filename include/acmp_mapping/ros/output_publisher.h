@@ -23,8 +23,8 @@ namespace acmp {
 
 /// Publishes what a DenseMapper's callbacks bring, and counts it. A message is only made when somebody listens: images
 /// of the newest refined keyframe also for who comes later. (These topics are latched, too, but a latch has what was
-/// last sent to anybody, and comes before it.) Callbacks come one at a time, beside the mapper's thread; all else may
-/// be called by any thread.
+/// last sent to anybody, and comes before it.) Callbacks come one at a time, beside the mapper's thread; all else but
+/// ForgetNewest may be called by any thread.
 class OutputPublisher {
  public:
   /// @param mapper name of the mapper's node, for the map
@@ -47,6 +47,9 @@ class OutputPublisher {
 
   /// Tells of it, unless stopped.
   void Report(const RejectedInput& rejected) const;
+  /// What comes is of another run: who comes later gets nothing of the one before. Not beside a callback. Listeners of
+  /// topics that have been published on are connected anew, which is waited for, but for a second at most.
+  void ForgetNewest();
   /// From now on nothing is published or told, but for what is under way.
   void Stop() { stopping_ = true; }
   bool is_stopping() const { return stopping_; }
@@ -79,11 +82,20 @@ class OutputPublisher {
   void PublishKeyframeDepth(const KeyframeOutput& output);
 
   using MakeImage = std::function<sensor_msgs::ImagePtr(const KeyframeOutput&)>;
+  struct ImagePublisher {
+    std::function<uint32_t()> listeners;
+    std::function<void(const KeyframeOutput&)> publish;
+  };
+  /// A latched image topic.
+  struct RefinedTopic {
+    std::function<ImagePublisher()> advertise;
+    ImagePublisher publisher = advertise();
+    bool has_published = false;  ///< so that roscpp holds a message
+  };
   /// The image topics of a face; those of the one that looks ahead have no prefix.
   struct ImageTopics {
     image_transport::CameraPublisher depth_fast;
-    std::vector<std::function<void(const KeyframeOutput&)>>
-        publish_refined;  ///< one for each topic, if anybody listens
+    std::vector<RefinedTopic> refined;
   };
   /// Advertises them when a face is first seen, and says in tf where it looks.
   ImageTopics& TopicsOf(const KeyframeOrigin& origin);
