@@ -15,6 +15,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections import deque
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from io import BytesIO
@@ -36,6 +37,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
 
 from nodelet_session import TOPICS, Session, call, image_counts, make_bag, sample, save_map, save_session, start_master, wait_for
 
@@ -261,6 +263,12 @@ NO_PICTURES = {
     "GIF": b"GIF89a" + bytes(800), "TIFF": b"II*\0" + bytes(100), "a JPEG's start": b"\xff\xd8\xff\xe0" + bytes(60), "nothing": b"",
     "a PNG of 3.6 Gpx": b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\xea\x60\0\0\xea\x60\x08\x02\0\0\0" + bytes(40)}
 
+# height, width, encoding, is_bigendian, step, data; good ones are 48, 64, "mono8" or "16UC1".
+NO_RAW_IMAGES = [(48, 64, "32SC7", 0, 256, bytes(256 * 48)), (48, 64, "", 0, 64, bytes(64 * 48)),
+                 (48, 64, "x" * 10000, 0, 64, bytes(64 * 48)), (48, 64, "jpeg", 0, 64, NO_PICTURES["EPS"]),
+                 (48, 64, "mono8", 0, 64, bytes(63)), (48, 64, "16UC1", 0, 128, b""), (0, 0, "16UC1", 0, 0, b""),
+                 (2**32 - 1, 2**32 - 1, "16UC1", 0, 2**32 - 2, bytes(64)), (2**16, 2**16, "mono8", 0, 0, bytes(64))]
+
 
 def trap(folder):
     """A folder for PATH, in which programs that picture libraries start leave a file."""
@@ -303,8 +311,8 @@ class FrameSender:
 
 
 def foreign_pictures(_):
-    """Pictures that are none, as keyframes of their own between good ones and as images of a source camera; and on the topics
-    of masks and depth, which are raw."""
+    """Pictures that are none, as keyframes of their own between good ones and as images of a source camera; and raw images
+    that are none as masks and depth of good ones."""
     with tempfile.TemporaryDirectory() as folder:
         trap(folder)
         os.environ["PATH"] = f"{folder}:{os.environ['PATH']}"
@@ -319,16 +327,16 @@ def foreign_pictures(_):
         with Session(folder, mapper_parameters=parameters) as session:
             rospy.init_node("faults", disable_signals=True)
             send = FrameSender(frames[0])
-            raw = [rospy.Publisher(topic, CompressedImage, queue_size=100) for topic in ("/mask", "/prior_depth")]
+            raw = FrameSender({topic: Image() for topic in ("/mask", "/prior_depth")})
             pictures = list(NO_PICTURES.values())
             for i, frame in enumerate(frames):
                 if i < len(pictures):
                     bad = CompressedImage(Header(), "jpeg", pictures[i])
                     send({**frame, image: bad}, 1.9 + 0.2 * i)
-                    for publisher in raw:
-                        publisher.publish(bad)
                     if i % 2:
                         frame = {**frame, source: CompressedImage(Header(), "jpeg", pictures[i])}
+                if i < len(NO_RAW_IMAGES):
+                    raw({topic: Image(Header(), *NO_RAW_IMAGES[i]) for topic in raw.publishers}, 2 + 0.2 * i)
                 send(frame, 2 + 0.2 * i)
             wait_for(lambda: image_counts() == (len(frames) + len(pictures), 0), "all images")
             answer = call("/dense_mapper/flush")
@@ -336,8 +344,10 @@ def foreign_pictures(_):
             points = save_map(f"{folder}/map.ply")[0]
             expect(points > 0, "no map")
             told = subprocess.run(["rostopic", "echo", "-n", "3", "/diagnostics"], stdout=subprocess.PIPE, text=True, check=True).stdout
-            refused = dict(re.findall(r'key: "dropped: (\w+)"\s+value: "(\d+)', told))
-            expect(refused == {"bad_image": str(len(pictures)), "bad_source_image": str(len(pictures) // 2)}, f"told: {refused}")
+            refused = dict(re.findall(r'key: "dropped: (bad_\w+)"\s+value: "(\d+)', told))
+            counts = {"bad_image": len(pictures), "bad_source_image": len(pictures) // 2, "bad_mask": len(NO_RAW_IMAGES),
+                      "bad_prior_depth": len(NO_RAW_IMAGES)}
+            expect(refused == {name: str(count) for name, count in counts.items()}, f"told: {refused}")
             peak = int(re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{session.manager.pid}/status").read_text()).group(1))
             expect(peak < 1 << 19, f"the manager took {peak >> 10} MiB")
         expect(not Path(folder, "started").exists(), "a program was started on the sender's bytes")
@@ -448,16 +458,19 @@ def cluster(_):
 
 
 def soak(options):
-    """A pair goes to and fro, stamps rise, somebody listens to the occupancy, maps and sessions are saved. Compares the
+    """A pair goes to and fro, stamps rise, somebody listens to occupancy and mesh, maps and sessions are saved. Compares the
     medians of the first and the last third of the loops, after a quarter of the time."""
-    # The map is full after one loop of 26 keyframes: what is kept is then the same after each. 12 MiB: freed memory that glibc
-    # keeps, as each of its arenas (8 for each processor) grows to what it has held once: seen 118, then 126 in 40 minutes. An
-    # image lost in each loop (64 x 48 px in colour, grey, planes and cost) would be 0.2 MiB a loop, of 65 in an hour.
-    bounds, samples, grids = {"memory [MiB]": 12.0, "handles": 0, "threads": 2, "disk [MiB]": 1.0}, [], []
+    # The map is full after one loop of 26 keyframes: what is kept is then the same after each. One arena, as each of glibc's
+    # (8 for each processor) grows for an hour to what it has held once. An image lost in each loop (64 x 48 px in colour,
+    # grey, planes and cost) would be 0.2 MiB a loop, of 65 in an hour.
+    os.environ["MALLOC_ARENA_MAX"] = "1"
+    bounds, samples, grids = {"memory [MiB]": 3.0, "handles": 0, "threads": 2, "disk [MiB]": 1.0}, [], []
+    meshes = deque(maxlen=1)
     with tempfile.TemporaryDirectory() as folder, \
             Session(folder, {"max_keyframes": 20}, {"source_cameras": 1}) as session:
         rospy.init_node("faults", disable_signals=True)
         rospy.Subscriber("/occupancy", OccupancyGrid, lambda _: grids.append(1))
+        rospy.Subscriber("/mesh", MarkerArray, meshes.append)
         frames = pair_frames(folder)
         frames += frames[-2:0:-1]
         send, sent, end = FrameSender(frames[0]), 0, time.monotonic() + 60 * options.minutes
@@ -476,6 +489,7 @@ def soak(options):
     warm = samples[len(samples) // 4:]
     third = len(warm) // 3
     expect(third >= 3, f"only {len(samples)} loops in {options.minutes:g} minutes: too few to see a trend")
+    expect(grids and meshes, "no occupancy, or no mesh")
     seen = []
     for (name, bound), values in zip(bounds.items(), zip(*warm)):
         first, last = median(values[:third]), median(values[-third:])

@@ -108,7 +108,7 @@ void MapOutput::EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header*
   transform.header = *header;
   header->frame_id = LocalFrame(header->frame_id, origin);
   transform.child_frame_id = header->frame_id;
-  std::lock_guard<std::mutex> lock(header_mutex_);
+  std::lock_guard<std::mutex> lock(local_frame_mutex_);
   if (std::exchange(local_frame_name_, header->frame_id) == header->frame_id) return;
   if (!local_frame_) local_frame_ = std::make_unique<tf2_ros::StaticTransformBroadcaster>();
   local_frame_->sendTransform(transform);

@@ -45,10 +45,10 @@ void CheckThreadsAndMemory() {
   for (std::thread& thread : started) thread.join();
   if (space != MAP_FAILED) munmap(space, kBytes);
   if (space != MAP_FAILED && started.size() == threads) return;
-  throw std::runtime_error("a node starts with at least 512 MiB of address space and " + std::to_string(threads) +
-                           " threads (24, and two for each processor); here " +
-                           (space == MAP_FAILED ? "the space" : "thread " + std::to_string(started.size() + 1)) +
-                           " is missing");
+  throw std::runtime_error(
+      "a node starts with at least 512 MiB of address space (ulimit -v) and " + std::to_string(threads) +
+      " threads (24, and two for each processor; ulimit -u, pids of a cgroup); here " +
+      (space == MAP_FAILED ? "the space" : "thread " + std::to_string(started.size() + 1)) + " is missing");
 }
 
 /// roscpp waits for a master without heeding signals. False: a signal came first.

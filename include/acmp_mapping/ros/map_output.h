@@ -118,9 +118,10 @@ class MapOutput {
   const MapServerOptions options_;
   const std::function<void(const RejectedInput&)> report_;
   std::atomic<bool> stopping_{false};
-  std::mutex header_mutex_;  ///< guards what follows
+  std::mutex header_mutex_;  ///< held for a moment only, as every keyframe takes it
   std_msgs::Header header_;
-  std::string local_frame_name_;                                      ///< as tf has it
+  std::mutex local_frame_mutex_;  ///< guards what follows, while the first asks the master
+  std::string local_frame_name_;  ///< as tf has it
   std::unique_ptr<tf2_ros::StaticTransformBroadcaster> local_frame_;  ///< none before it is needed
   std::mutex publish_mutex_;                                          ///< held while a message is handed to roscpp
   std::atomic<uint64_t> emptied_{0};                                  ///< how often; changes with publish_mutex_ held
