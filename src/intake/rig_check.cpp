@@ -173,20 +173,22 @@ RigFit FitRig(const RigMatches& matches, bool turns) {
   return fit;
 }
 
+size_t CountDepths(const RigMatches& matches) {
+  return static_cast<size_t>(
+      std::count_if(matches.depths.begin(), matches.depths.end(), [](const auto& depth) { return depth.has_value(); }));
+}
+
 /// A turn of a degree and more that explains the matches; empty: there is none. Along the baseline only known depths
 /// tell it, and only where the declared length is right with it: else they may be of something else beside a pixel.
-std::string DescribeTurn(const RigMatches& matches) {
+std::string DescribeTurn(const RigMatches& matches, const RigFit& unturned, const RigFit& turned) {
   constexpr double kLeast = M_PI / 180;
   constexpr double kMore = 0.05, kMoreAlong = 0.02;  // of the matches
-  constexpr std::ptrdiff_t kFewestDepths = 20;
+  constexpr size_t kFewestDepths = 20;
   constexpr double kSameLength = 1.4;
-  const RigFit unturned = FitRig(matches, false), turned = FitRig(matches, true);
   const double more = turned.share - unturned.share;
   const Eigen::Vector3d axis = Eigen::Vector3d::UnitZ().cross(matches.source_from_cam.translation()).normalized();
   const Eigen::Vector3d along = turned.turn.dot(axis) * axis, across = turned.turn - along;
-  const auto depths =
-      std::count_if(matches.depths.begin(), matches.depths.end(), [](const auto& depth) { return depth.has_value(); });
-  const bool tells_along = depths >= kFewestDepths && more > kMoreAlong && along.norm() > kLeast &&
+  const bool tells_along = CountDepths(matches) >= kFewestDepths && more > kMoreAlong && along.norm() > kLeast &&
                            turned.length < kSameLength && turned.length > 1 / kSameLength;
   const bool tells_across = more > kMore && across.norm() > kLeast;
   if (turned.share < kFits || (!tells_along && !tells_across)) return "";
@@ -267,13 +269,15 @@ std::string JudgeRig(const RigMatches& matches) {
         " of the camera: the sign of P[3] of the camera_infos is wrong, ~T_cam_source is inverted, or the two "
         "cameras are swapped");
   }
-  if (const std::string turn = DescribeTurn(matches); !turn.empty()) return turn;
-  if (share >= kFits) {
-    const auto length = FindLength(matches, declared);
-    return length ? DescribeLength(*length) : "";
-  }
-  const auto place = FitPlace(matches);
+  const auto place = share < kFits ? FitPlace(matches) : std::nullopt;
   const double share_of_place = place ? ShareThatFits(matches, *place) : 0;
+  const Eigen::Vector3d lies = declared.inverse().translation().normalized();
+  constexpr double kSameDirection = 0.9;  // cosine
+  const bool lies_elsewhere =
+      fits(share_of_place) && place->inverse().translation().normalized().dot(lies) < kSameDirection;
+  const RigFit unturned = FitRig(matches, false), turned = FitRig(matches, true);
+  const std::string turn = lies_elsewhere ? "" : DescribeTurn(matches, unturned, turned);
+  if (!turn.empty()) return turn;
   if (fits(share_of_place)) {
     const double degrees = DegreesBetween(*place, declared);
     return Concat(
@@ -282,12 +286,14 @@ std::string JudgeRig(const RigMatches& matches) {
         " of the camera: the images are not rectified as the camera_infos have it (or are already: ~rectified), or "
         "the calibration is that of another rig");
   }
-  if (share < kFitsNowhere) {
-    return Concat(at,
+  const double share_at_depths = CountDepths(matches) < kFewestRigMatches ? 1 : std::max(unturned.share, turned.share);
+  if (std::min(share, share_at_depths) < kFitsNowhere) {
+    return Concat(at, share < kFitsNowhere ? "" : Concat(PerCent(share_at_depths), " % at depths known otherwise; "),
                   "no other place fits either: the images are not of the same instant (~source_tolerance), or the "
                   "calibration of one camera is wrong (are the images rectified already, or not? ~rectified)");
   }
-  return "";
+  const auto length = share >= kFits ? FindLength(matches, declared) : std::nullopt;
+  return length ? DescribeLength(*length) : "";
 }
 
 void RigCheck::Add(const Frame& keyframe, const Frame& companion) {

@@ -13,6 +13,7 @@ namespace acmp {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::AnyOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -146,6 +147,24 @@ TEST_F(RigCheckTest, ImagesOfAnotherTimeAreTold) {
   for (size_t i = 0; i < views.size() / 2; ++i)
     std::swap(views[i].right->gray, views[views.size() - 1 - i].right->gray);
   EXPECT_THAT(Said(views, [](const RigidTransform& truth) { return truth; }), HasSubstr("instant"));
+}
+
+/// They lie on their lines, but nowhere near their depths.
+TEST_F(RigCheckTest, ImagesThatAreLateAreTold) {
+  std::vector<SyntheticView> views = Views(false);
+  for (size_t i = views.size() - 1; i > 0; --i) views[i].right->gray = std::move(views[i - 1].right->gray);
+  views.erase(views.begin());
+  EXPECT_THAT(Said(views, [](const RigidTransform& truth) { return truth; }), HasSubstr("not of the same instant"));
+}
+
+TEST_F(RigCheckTest, ABaselineInAnotherDirectionIsNoTurn) {
+  for (const auto* views : {&moving_, &standing_}) {
+    EXPECT_THAT(Said(*views,
+                     [](const RigidTransform& truth) {  // P[7] in place of P[3]
+                       return RigidTransform(Eigen::Translation3d(0, truth.translation().x(), 0));
+                     }),
+                AnyOf(HasSubstr("lay in direction (1, "), HasSubstr("lay in direction (0.99, ")));
+  }
 }
 
 }  // namespace
