@@ -5,7 +5,6 @@
 #include <exception>
 #include <future>
 #include <limits>
-#include <random>
 #include <utility>
 
 #include <ros/time.h>
@@ -250,24 +249,6 @@ void MapperWorker::CatchUp() {
   UpdateStatus([&](WorkerStatus* status) { status->left_out = mapper_->left_out(); });
 }
 
-void MapperWorker::WarmUp() {
-  constexpr int kWidth = 128, kHeight = 96;
-  DenseMapperOptions options = options_->Get().mapper;
-  options.poses.refine = RefinePoses::kOff;
-  options.fallback_depth_range = {1, 4};
-  DenseMapper mapper(engine_.get(), options, {}, output_engine_.get(), &stop_);
-  std::minstd_rand random;
-  ColorImage image(kWidth, kHeight);
-  for (Rgb& pixel : image) pixel.r = pixel.g = pixel.b = static_cast<unsigned char>(random() >> 16);
-  const PinholeCamera camera = {kWidth, kHeight, kWidth, kWidth, 0.5 * kWidth, 0.5 * kHeight};
-  for (int i = 0; i < options.max_source_views + 2; ++i) {
-    RigidTransform pose = RigidTransform::Identity();
-    pose.translation().x() = 0.2 * i;
-    mapper.AddKeyframe(std::make_shared<const Frame>(MakeFrame(i, i, image.Clone(), camera, pose, {}, kWidth, {}, {})));
-  }
-  mapper.Flush();
-}
-
 void MapperWorker::ProcessOrDrop(const KeyframeInput& input, void (MapperWorker::*process)(const KeyframeInput&)) {
   const char* reason = "processing_error";
   const auto work = [&] {
@@ -292,7 +273,7 @@ void MapperWorker::MakeMapper() {
     const bool on_cpu = node_options_.device == Device::kCpu || !backend.fallback_reason.empty();
     const std::string preset = UsedPreset(node_options_, on_cpu);
     if (preset == kAutoPreset) hooks_.on_setting(auto_preset_.emplace(), "");
-    if (!on_cpu) WarmUp();
+    if (!on_cpu) WarmUp(engine_.get(), options_->Get().mapper, output_engine_.get(), &stop_);
     DenseMapperOptions options = options_->Get().mapper;
     options.live = IsLive(node_options_);
     mapper_ =

@@ -353,5 +353,26 @@ TEST(OutputQueueTest, WaitsForAllJobsAlsoWhereSomeThrow) {
   EXPECT_NO_THROW(queue.WaitForAll());
 }
 
+TEST(WarmUpTest, RunsAllPassesWithAllSourceViewsAndTheOutputs) {
+  for (const char* preset : {"balanced", "online"}) {
+    DenseMapperOptions options;
+    options.pipeline = MakePreset(preset);
+    options.max_source_views = 5;
+    options.live = true;
+    WallEngine engine, output_engine;
+    std::vector<int64_t> checked;
+    output_engine.before_consistency = [&](int64_t id) { checked.push_back(id); };
+    StopRequest stop;
+    WarmUp(&engine, options, &output_engine, &stop);
+    for (const char* pass : {"photometric", "prior", "geometric"}) {
+      EXPECT_TRUE(
+          std::any_of(engine.calls.begin(), engine.calls.end(),
+                      [&](const WallEngine::Call& call) { return call.pass == pass && call.sources.size() == 5; }))
+          << preset << ": " << pass;
+    }
+    EXPECT_THAT(checked, Not(IsEmpty())) << preset;
+  }
+}
+
 }  // namespace
 }  // namespace acmp

@@ -196,4 +196,8 @@ class DenseMapper {
   std::unique_ptr<Impl> impl_;
 };
 
+/// Maps a few small images, so that what engines do once in a program (loading kernels, their own buffers) is done
+/// before the first keyframe comes. Parameters as DenseMapper's.
+void WarmUp(DepthEngine* engine, DenseMapperOptions options, DepthEngine* output_engine, StopRequest* stop);
+
 }  // namespace acmp

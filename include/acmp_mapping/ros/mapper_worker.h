@@ -124,8 +124,6 @@ class MapperWorker {
   /// After which time without work there is time to catch up; none: there is nothing to catch up with.
   std::optional<double> IdleWait() const;
   void CatchUp();
-  /// Of a GPU: what is done once in a program, such as loading kernels, before the first keyframe comes.
-  void WarmUp();
   /// Of preset: auto, after a keyframe that took so long.
   void ChooseSetting(double keyframe_ms);
   PreparationOptions HowToPrepare() const;
