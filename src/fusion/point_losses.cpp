@@ -20,7 +20,7 @@ Outcome CheckSource(const FusionContext& context, const FusionSource& source, co
   if (!LocateInSource(source, pixel.homogeneous, &place)) return kOutside;
   ViewAgreement agreement;
   if (source.view.IsUnconfirmed(place.col, place.row) ||
-      !ProjectBack(source, context.limits, pixel, place, &agreement)) {
+      !ProjectBack(source, context.limits.ByProbability(), pixel, place, &agreement)) {
     return kSourceDepth;
   }
   PixelMatch match;

@@ -63,7 +63,7 @@ TEST_P(FusionTest, FilterAgreesWithThePlainReferenceOnNoisyMaps) {
         for (int col = 0; col < views[0].camera.width; ++col) {
           const auto matches = reference::FindMatches(all[0], sources, col, row, options);
           ++pixels_of_count[matches.size()];
-          const double confidence = reference::Confidence(all[0], sources, col, row, options);
+          const double confidence = reference::Confidence(all[0], sources, col, row);
           ASSERT_NEAR(result.confidence(col, row), confidence, reference::kConfidenceTolerance);
           if (!reference::Accepts(all[0], col, row, confidence, matches, options)) continue;
           ASSERT_LT(next, result.points_in_camera.size());

@@ -140,14 +140,14 @@ inline double Unevenness(const FusionView& view, int col, int row) {
 }
 
 /// See LogOddsOf; an unsupported pixel has a quarter of the odds. Sources without a depth of their own where the point
-/// falls are silent; of a pixel that none sees half are.
-inline double LogOdds(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row,
-                      bool exact_place) {
+/// falls are silent; of a pixel that none sees half are. The others' depths are those of their planes at the exact
+/// place, whatever fusion takes.
+inline double LogOdds(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row) {
   const Eigen::Vector3d point = PointInWorld(view, col, row);
   const Eigen::Vector3d center = view.cam_from_world.inverse().translation();
   double views = 0, silent = 0, best = 0;
   for (const FusionView* source : sources) {
-    const Sight sight = LookUp(*source, point, exact_place);
+    const Sight sight = LookUp(*source, point, true);
     views += sight.in_image;
     const bool has_own_depth = sight.has_depth && source->cost(sight.col, sight.row) < kWorstCost;
     silent += sight.in_image && !has_own_depth;
@@ -163,8 +163,7 @@ inline double LogOdds(const FusionView& view, const std::vector<const FusionView
 
 /// From the mean of the log odds of the pixel and those of the 24 around that lie within 10 % of its depth, colours
 /// that differ by 20 counting half.
-inline double Confidence(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row,
-                         const FusionOptions& options) {
+inline double Confidence(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row) {
   double sum = 0, weights = 0;
   for (int step : {0, 4, 8, 16}) {
     for (int dr = -1; dr <= 1; ++dr) {
@@ -175,7 +174,7 @@ inline double Confidence(const FusionView& view, const std::vector<const FusionV
         if (!view.depth.Contains(c, r) || !(view.depth(c, r) > 0)) continue;
         if (std::abs(view.depth(c, r) / view.depth(col, row) - 1) >= 0.1) continue;
         const double weight = view.color.empty() ? 1 : ColorWeightOf(view.color(col, row), view.color(c, r));
-        sum += weight * LogOdds(view, sources, c, r, options.min_consistent_views == 0);
+        sum += weight * LogOdds(view, sources, c, r);
         weights += weight;
       }
     }
@@ -248,7 +247,7 @@ inline std::vector<Point> Fuse(const std::vector<FusionView>& views, const std::
           return used[neighbors[i][match.source]](match.sight.col, match.sight.row) != 0;
         };
         matches.erase(std::remove_if(matches.begin(), matches.end(), is_used), matches.end());
-        const double confidence = Confidence(views[i], sources, col, row, options);
+        const double confidence = Confidence(views[i], sources, col, row);
         if (!Accepts(views[i], col, row, confidence, matches, options)) continue;
         used_now.push_back({static_cast<int>(i), col, row});
         for (const auto& [source, sight, weight] : matches) {

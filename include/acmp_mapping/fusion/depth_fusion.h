@@ -65,8 +65,8 @@ Image<float> MeasureOdds(const FusionContext& context);
 
 /// DepthEngine::FilterByConsistency (FusionOptions; paper, "Fusion"): checks the reference against the sources, which
 /// are neither changed nor marked. A source's depth is that of its nearest pixel's plane at the place (DepthAtPlace),
-/// with min_consistent_views > 0 that of the pixel; a pixel without a normal agrees with nothing. Points come in
-/// row-major order.
+/// with min_consistent_views > 0 that of the pixel, but for the confidence; a pixel without a normal agrees with
+/// nothing. Points come in row-major order.
 ConsistencyResult FilterByConsistency(const FusionSetup& setup);
 
 /// DepthEngine::FuseView: its points; stamps the pixels that they used.

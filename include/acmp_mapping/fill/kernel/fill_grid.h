@@ -248,7 +248,7 @@ ACMP_HOST_DEVICE inline ViewSupport CountSupportingViews(const FusionContext& co
     ViewAgreement agreement;
     if (!LocateInSource(context.sources[i], pixel.homogeneous, &place)) continue;
     if (context.sources[i].view.IsUnconfirmed(place.col, place.row)) continue;
-    if (!ProjectBack(context.sources[i], context.limits, pixel, place, &agreement)) continue;
+    if (!ProjectBack(context.sources[i], context.limits.ByProbability(), pixel, place, &agreement)) continue;
     if (ViolatesFreeSpace(agreement)) ++free_space_violations;
     const float squared_px = context.limits.max_squared_px, relative_depth = context.limits.max_relative_depth;
     is_loosely_consistent |= agreement.squared_px < kNearlySquaredPx * squared_px &&

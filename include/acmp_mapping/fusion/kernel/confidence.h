@@ -93,8 +93,7 @@ ACMP_HOST_DEVICE inline ViewEvidence GatherEvidence(const FusionContext& context
     if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
     ++evidence.views;
     ViewAgreement agreement;
-    if (source.view.IsUnconfirmed(place.col, place.row) ||
-        !ProjectBack(source, context.limits, pixel, place, &agreement)) {
+    if (source.view.IsUnconfirmed(place.col, place.row) || !ProjectBack(source, true, pixel, place, &agreement)) {
       ++evidence.silent;
       continue;
     }

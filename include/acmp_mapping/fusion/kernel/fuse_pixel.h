@@ -52,7 +52,7 @@ ACMP_HOST_DEVICE inline void SumMatches(const FusionContext& context, const Refe
     SourcePlace place;
     if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
     ViewAgreement agreement;
-    if (!ProjectBack(source, context.limits, pixel, place, &agreement)) continue;
+    if (!ProjectBack(source, context.limits.ByProbability(), pixel, place, &agreement)) continue;
     PixelMatch match;
     if (MatchAgreement(source, context.limits, context.current, pixel, agreement, &match)) {
       AddMatch(source.view, i, match, sum);

@@ -95,14 +95,14 @@ ACMP_HOST_DEVICE inline float DepthAtPlace(const FusionSource& source, const Sou
   return facing < 0 && fabsf(ratio - 1) < kMaxChange ? nearest * ratio : nearest;
 }
 
-/// What the source's depth at the place means for the reference; false where it knows none. The papers (without
-/// ByProbability) take the nearest pixel's depth and centre.
-ACMP_HOST_DEVICE inline bool ProjectBack(const FusionSource& source, const FusionLimits& limits,
-                                         const ReferencePixel& pixel, const SourcePlace& place,
-                                         ViewAgreement* agreement) {
+/// What the source's depth at the place means for the reference; false where it knows none.
+/// @param exact_place by the source's plane where the point falls; else by the nearest pixel's depth and centre, as in
+///     the papers
+ACMP_HOST_DEVICE inline bool ProjectBack(const FusionSource& source, bool exact_place, const ReferencePixel& pixel,
+                                         const SourcePlace& place, ViewAgreement* agreement) {
   const float depth = source.view.depth(place.col, place.row);
   if (!IsKnown(depth)) return false;
-  const Vec3f homogeneous = limits.ByProbability()
+  const Vec3f homogeneous = exact_place
                                 ? DepthAtPlace(source, place, depth) * Vec3f{place.x, place.y, 1}
                                 : depth * Vec3f{static_cast<float>(place.col), static_cast<float>(place.row), 1};
   const Vec3f back = source.geometry.to_reference * homogeneous + source.geometry.to_reference_offset;
