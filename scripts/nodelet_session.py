@@ -36,6 +36,13 @@ def wait_for(condition, what, timeout_s=120.0):
         time.sleep(0.05)
 
 
+def end_all(processes):
+    """Ends them, the last first."""
+    for process in reversed(processes):
+        process.terminate()
+        process.wait(60)
+
+
 def call(service, *arguments):
     """The answer as text; empty while the service cannot be found or has failed."""
     result = subprocess.run(["rosservice", "call", service, *arguments], stdout=subprocess.PIPE,
@@ -138,6 +145,4 @@ class Session:
         return self
 
     def __exit__(self, *_):
-        for process in filter(None, (self.manager, self.master)):
-            process.terminate()
-            process.wait(60)
+        end_all([process for process in (self.master, self.manager) if process])

@@ -20,7 +20,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
-from nodelet_session import TOPICS, start_master, wait_for
+from nodelet_session import TOPICS, end_all, start_master, wait_for
 
 OUTPUTS = {"depth/image_rect": ("depth", "depth/%06d.pfm"), "depth_fast/image_rect": ("depth_fast", "depth_fast/%06d.pfm"),
            "rgb/image_rect_color": ("image pictures", "pictures/%06d_image.png"),
@@ -132,9 +132,7 @@ def main():
         sys.exit(f"save_demo_output: {error}")
     finally:
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-        for process in reversed(processes):
-            process.terminate()
-            process.wait()
+        end_all(processes)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import rospy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
-from nodelet_session import start_master, wait_for  # noqa: E402  # pylint: disable=wrong-import-position,import-error
+from nodelet_session import end_all, start_master, wait_for  # noqa: E402  # pylint: disable=wrong-import-position,import-error
 
 CLOUDS = 3
 
@@ -66,9 +66,7 @@ def main():
             check(received[PointCloud2][stamp], received[Image][stamp], received[CameraInfo][stamp])
         print(f"{len(whole())} clouds are those of their depth maps")
     finally:
-        for process in reversed(processes):
-            process.terminate()
-            process.wait()
+        end_all(processes)
         folder.cleanup()
     return 0
 

@@ -18,7 +18,7 @@ import rosbag
 from PIL import ImageGrab
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
-from nodelet_session import start_master, wait_for  # noqa: E402  # pylint: disable=wrong-import-position,import-error
+from nodelet_session import end_all, start_master, wait_for  # noqa: E402  # pylint: disable=wrong-import-position,import-error
 
 BACKGROUND, TOLERANCE = np.array([38, 40, 46]), 3  # of config/acmp_mapping.rviz; rounding by OpenGL
 LEAST = 1 / 3  # of the view's pixels
@@ -84,9 +84,7 @@ def main():
             processes.pop()
             processes[-1].terminate()
     finally:
-        for process in reversed(processes):
-            process.terminate()
-            process.wait()
+        end_all(processes)
         folder.cleanup()
     return 0
 
