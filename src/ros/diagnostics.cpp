@@ -345,6 +345,11 @@ void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   status->add("voxel size [unit of the poses]", map.voxel_size);
   status->add("optimized paths", Concat(map.paths, " received on ", snapshot.optimized_path_topic, " (",
                                         snapshot.optimized_path_publishers, " publisher(s))"));
+  if (snapshot.optimized_path_is_named && snapshot.optimized_path_publishers == 0 && map.paths == 0 &&
+      map.keyframes > 0) {
+    status->mergeSummary(DiagnosticStatus::WARN, Concat("nobody publishes ", snapshot.optimized_path_topic,
+                                                        " (optimized_path): the map follows no loop closures"));
+  }
   status->add("loop corrections (paths that moved keyframes)", map.corrections);
   status->add("keyframes re-posed, all corrections together", map.reposed);
   status->add("scales of keyframes by optimized paths", Concat(map.smallest_scale, " to ", map.largest_scale));

@@ -378,6 +378,9 @@ class MapServerNodelet : public NodeletBase {
     snapshot.mesh_listeners = mesh_output_->listeners();
     snapshot.optimized_path_topic = optimized_path_.getTopic();
     snapshot.optimized_path_publishers = optimized_path_.getNumPublishers();
+    snapshot.optimized_path_is_named =
+        snapshot.optimized_path_topic != Concat(names::kDefaultTopics, names::kOptimizedPath) &&
+        snapshot.optimized_path_topic != getNodeHandle().resolveName(names::kOptimizedPath, false);
     snapshot.keyframe_topic = keyframes_.getTopic();
     snapshot.keyframe_publishers = keyframes_.getNumPublishers();
     snapshot.incidents = incidents_.entries();

@@ -338,6 +338,19 @@ TEST(Printable, IsUtf8WithoutNewLinesAndEscapeCodes) {
   EXPECT_EQ(Printable("\u20ac\U0001f600"), "\u20ac\U0001f600");
 }
 
+TEST(MapDiagnostics, AnOptimizedPathThatTheUserHasNamedAndNobodyPublishesIsTold) {
+  MapSnapshot snapshot;
+  snapshot.map.keyframes = 3;
+  snapshot.optimized_path_topic = "/slam/pathh";
+  EXPECT_EQ(Describe(&DescribeMap, snapshot).level, DiagnosticStatus::OK) << "not named";
+  snapshot.optimized_path_is_named = true;
+  DiagnosticStatusWrapper status = Describe(&DescribeMap, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(status.message, HasSubstr("/slam/pathh"));
+  snapshot.map.paths = 1;
+  EXPECT_EQ(Describe(&DescribeMap, snapshot).level, DiagnosticStatus::OK) << "it has been there";
+}
+
 TEST(MapDiagnostics, TellWhatComesFromEachMapperAndWhatIsMissing) {
   MapSnapshot snapshot;
   snapshot.now_s = 100;

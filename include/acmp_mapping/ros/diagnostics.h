@@ -139,6 +139,7 @@ struct MapSnapshot {
   uint32_t mesh_listeners = 0;
   std::string optimized_path_topic;
   uint32_t optimized_path_publishers = 0;
+  bool optimized_path_is_named = false;  ///< by the user, as InputStatus::is_named
   std::string keyframe_topic;
   uint32_t keyframe_publishers = 0;
   std::map<std::string, MapperTraffic> mappers;  ///< by name
