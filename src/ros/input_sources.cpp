@@ -165,12 +165,18 @@ std::vector<std::string> FindMappers(const std::map<std::string, std::string>& p
 
 /// @param name within the namespace; image_transport publishes beside the names of images
 bool IsOutput(const std::string& name) {
-  constexpr const char* kBeginnings[] = {"depth_fast/", "depth/",           "rgb/",   "confidence/", "normal/",
-                                         "keyframe_",   names::kFacePrefix, "viewer/"};
-  constexpr const char* kNames[] = {names::kPoints, names::kMapPoints, names::kOccupancy};
-  return std::any_of(std::begin(kNames), std::end(kNames), [&](const char* output) { return name == output; }) ||
-         std::any_of(std::begin(kBeginnings), std::end(kBeginnings),
-                     [&](const char* beginning) { return boost::algorithm::starts_with(name, beginning); });
+  constexpr const char* kNames[] = {
+      names::kDepthFast,        "depth_fast/camera_info",  names::kDepth,         names::kDepthCameraInfo,
+      names::kDepthMillimetres, names::kDepthPicture,      names::kColor,         "rgb/camera_info",
+      names::kConfidence,       names::kConfidencePicture, names::kNormal,        names::kNormalPicture,
+      names::kPoints,           names::kMapPoints,         names::kOccupancy,     names::kMesh,
+      names::kKeyframePose,     names::kKeyframePath,      names::kKeyframeDepth, names::kKeyframePoints,
+      "viewer/image",           "viewer/camera_info",      "viewer/keyframes"};
+  const bool is_of_face = boost::algorithm::starts_with(name, names::kFacePrefix);
+  const std::string own = is_of_face ? name.substr(name.find('/') + 1) : name;
+  return std::any_of(std::begin(kNames), std::end(kNames), [&](const std::string& output) {
+    return own == output || boost::algorithm::starts_with(own, output + "/");
+  });
 }
 
 /// Makes the sources of one node.

@@ -267,6 +267,10 @@ TEST(MapperDiagnostics, OutputsOfMappersAreNoAdvice) {
   EXPECT_THAT(said_of(Kind::kImage, "/acmp_2/camera/imag_raw", "sensor_msgs/Image"),
               HasSubstr("but /acmp_2/camera/image_raw"))
       << "a camera in the namespace of a mapper";
+  published["/keyframe_depth"] = "acmp_mapping/KeyframeDepth";
+  published["/rgb/image_raw"] = "sensor_msgs/Image";
+  EXPECT_THAT(said_of(Kind::kImage, "/rgb/image", "sensor_msgs/Image"), HasSubstr("but /rgb/image_raw"))
+      << "a camera beside a mapper in the root namespace";
   EXPECT_THAT(said_of(Kind::kPose, "/acmp_2/rgb/camera_info", "geometry_msgs/PoseStamped"),
               HasSubstr("it is published as sensor_msgs/CameraInfo"))
       << "what the user has named is told";
