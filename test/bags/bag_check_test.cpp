@@ -279,11 +279,7 @@ class ReadingsOfABagTest : public CheckBagTest {
  protected:
   /// @param is_joint T_body_cam is sent with each image on /tf
   void Write(const PoseSemantics& truth, const std::optional<RigidTransform>& in_tf, bool is_joint = false) {
-    SyntheticSceneOptions scene;
-    scene.width = 160;
-    scene.height = 120;
-    scene.keyframes = 10;
-    static const std::vector<SyntheticView> views = MakeSyntheticScene(scene);
+    static const std::vector<SyntheticView> views = MakeSyntheticScene({160, 120, 10});
     rosbag::Bag bag(Path(), rosbag::bagmode::Write);
     for (size_t i = 0; i < views.size(); ++i) {
       const Frame& frame = views[i].frame;

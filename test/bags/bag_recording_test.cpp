@@ -62,10 +62,7 @@ class RecordSceneTest : public TestFolder {
 };
 
 TEST_F(RecordSyntheticTest, TheSecondCameraIsThatOfARectifiedPair) {
-  SyntheticSceneOptions scene;
-  scene.width = 48;
-  scene.height = 36;
-  scene.keyframes = 2;
+  SyntheticSceneOptions scene = {48, 36, 2};
   scene.stereo_baseline_m = 0.2;
   const std::vector<SyntheticView> views = MakeSyntheticScene(scene);
   RecordSynthetic(views, {}, folder() / "a.bag");

@@ -17,13 +17,7 @@ using ::testing::IsEmpty;
 constexpr int kImages = 12;
 
 const std::vector<SyntheticView>& Room() {
-  static const std::vector<SyntheticView> views = [] {
-    SyntheticSceneOptions options;
-    options.width = 160;
-    options.height = 120;
-    options.keyframes = kImages;
-    return MakeSyntheticScene(options);
-  }();
+  static const std::vector<SyntheticView> views = MakeSyntheticScene({160, 120, kImages});
   return views;
 }
 

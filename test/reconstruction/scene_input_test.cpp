@@ -205,9 +205,7 @@ using WideSceneFiles = TestFolder;
 
 /// Whatever the maps.
 TEST_F(WideSceneFiles, FacesOfRefinedPosesMoveAsOne) {
-  SyntheticSceneOptions scene;
-  scene.width = scene.height = 160;
-  scene.keyframes = 6;
+  SyntheticSceneOptions scene = {160, 160, 6};
   scene.field_of_view = 190;
   const std::vector<SyntheticView> views = MakeSyntheticScene(scene);
   WriteSceneFiles(folder() / "scene", views, 0.02f);

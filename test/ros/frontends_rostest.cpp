@@ -240,11 +240,8 @@ class FrontendPlayer {
   size_t delay() const { return static_cast<size_t>(traits_.Number("delay", 0)); }
 
   void Estimate() {
-    SyntheticSceneOptions scene;
-    scene.width = kWidth;
-    scene.height = kHeight;
-    scene.keyframes = static_cast<int>(kKeyframes + delay());
-    const std::vector<SyntheticView> views = MakeSyntheticScene(scene);
+    const std::vector<SyntheticView> views =
+        MakeSyntheticScene({kWidth, kHeight, static_cast<int>(kKeyframes + delay())});
     std::set<std::tuple<float, float, float>> seen;
     // Then the mapper gets the numbers of the camera's pose as they are, and nothing at all may differ.
     const bool same_numbers =

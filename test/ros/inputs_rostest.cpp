@@ -257,10 +257,7 @@ TEST_F(InputsTest, CompressedImagesInverseFluPosesAndPointsOfTheCameraThroughThe
 /// It sees depth by the other camera's images alone.
 TEST_F(InputsTest, ACameraThatStandsBesideAnotherOneIsMapped) {
   constexpr double kBaseline_m = 0.2;
-  SyntheticSceneOptions scene;
-  scene.width = 64;
-  scene.height = 48;
-  scene.keyframes = kViews;
+  SyntheticSceneOptions scene = {64, 48, kViews};
   scene.standing = true;
   scene.stereo_baseline_m = kBaseline_m;
   Mapper mapper("/stereo", {{"source_cameras", 1}, {"mask_wait", 10.0}});

@@ -102,11 +102,7 @@ struct Session {
   bool mapped = false;
 
   Session() {
-    SyntheticSceneOptions scene;
-    scene.width = 64;
-    scene.height = 48;
-    scene.keyframes = kViews;
-    for (SyntheticView& view : MakeSyntheticScene(scene)) {
+    for (SyntheticView& view : MakeSyntheticScene({64, 48, kViews})) {
       const RigidTransform drift = DriftAt(views.size());
       true_poses.push_back(view.frame.cam_from_world.inverse());
       drifted_poses.push_back(drift * true_poses.back());

@@ -47,10 +47,7 @@ bool CallTrigger(const std::string& service, std::string* message) {
 }  // namespace
 
 std::vector<ViewMessages> MakeSmallScene(size_t views, uint32_t start_s, int width) {
-  SyntheticSceneOptions scene;
-  scene.width = width;
-  scene.height = 3 * width / 4;
-  scene.keyframes = static_cast<int>(views);
+  SyntheticSceneOptions scene = {width, 3 * width / 4, static_cast<int>(views)};
   std::vector<ViewMessages> messages;
   for (const SyntheticView& view : MakeSyntheticScene(scene)) {
     messages.push_back(MakeMessages(view, StampOf(messages.size(), start_s)));

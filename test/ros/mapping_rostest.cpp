@@ -18,13 +18,7 @@ namespace acmp::test::mapping_rostest {
 constexpr int kWidth = 120, kHeight = 90;
 constexpr size_t kViews = 8;
 
-std::vector<SyntheticView> MakeViews() {
-  SyntheticSceneOptions scene;
-  scene.width = kWidth;
-  scene.height = kHeight;
-  scene.keyframes = kViews;
-  return MakeSyntheticScene(scene);
-}
+std::vector<SyntheticView> MakeViews() { return MakeSyntheticScene({kWidth, kHeight, kViews}); }
 
 /// One run of the mapper, shared by all cases since it takes seconds.
 struct Session : MapperControl {

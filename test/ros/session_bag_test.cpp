@@ -31,13 +31,7 @@ constexpr double kVoxel = 0.02;
 constexpr size_t kViews = 4;
 
 const std::vector<SyntheticView>& Room() {
-  static const std::vector<SyntheticView> views = [] {
-    SyntheticSceneOptions options;
-    options.width = 320;
-    options.height = 240;
-    options.keyframes = kViews;
-    return MakeSyntheticScene(options);
-  }();
+  static const std::vector<SyntheticView> views = MakeSyntheticScene({320, 240, kViews});
   return views;
 }
 

@@ -78,13 +78,7 @@ struct SlamRun {
   }
 };
 
-std::vector<SyntheticView> Views() {
-  SyntheticSceneOptions scene;
-  scene.width = 96;
-  scene.height = 72;
-  scene.keyframes = kViews;
-  return MakeSyntheticScene(scene);
-}
+std::vector<SyntheticView> Views() { return MakeSyntheticScene({96, 72, kViews}); }
 
 struct Session {
   // Of planes that are filled in images of 96 x 72 px too few are right to tell what the loop closure did.

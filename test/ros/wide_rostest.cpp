@@ -23,9 +23,7 @@ constexpr size_t kViews = 5;
 constexpr int kSide = 96;
 
 std::vector<SyntheticView> MakeWideViews() {
-  SyntheticSceneOptions options;
-  options.width = options.height = kSide;
-  options.keyframes = static_cast<int>(kViews);
+  SyntheticSceneOptions options = {kSide, kSide, static_cast<int>(kViews)};
   options.field_of_view = 190;
   return MakeSyntheticScene(options);
 }
