@@ -28,8 +28,8 @@ if(NOT ACMP_ROS STREQUAL "OFF")
 endif()
 
 if(ACMP_HAVE_ROS)
-  add_message_files(DIRECTORY msg FILES Keyframe.msg KeyframeDepth.msg KeyframePoints.msg)
-  add_service_files(DIRECTORY srv FILES LoadSession.srv SaveMap.srv SaveSession.srv)
+  add_message_files(DIRECTORY msg FILES DistanceChange.msg Keyframe.msg KeyframeDepth.msg KeyframePoints.msg)
+  add_service_files(DIRECTORY srv FILES GetDistances.srv LoadSession.srv SaveMap.srv SaveSession.srv)
   generate_messages(DEPENDENCIES geometry_msgs sensor_msgs std_msgs)
   generate_dynamic_reconfigure_options(config/DenseMapper.cfg)
   # Before any target: it also chooses where libraries and programs go in the devel space.

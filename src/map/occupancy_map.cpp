@@ -1,10 +1,14 @@
 #include "acmp_mapping/map/occupancy_map.h"
 
 #include <octomap/OcTree.h>
-#include <octomap/Pointcloud.h>
+#include <openvdb/Grid.h>
+#include <openvdb/math/DDA.h>
+#include <openvdb/math/Ray.h>
+#include <openvdb/tools/Prune.h>
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 #include <sstream>
 #include <utility>
 
@@ -14,25 +18,56 @@
 namespace acmp {
 namespace {
 
+using openvdb::Coord;
+/// Of a voxel: keyframes that see an obstacle in it (upper half), and that see through it (lower half).
+using CountTree = openvdb::tree::Tree4<int64_t, 5, 4, 3>::Type;
+/// Of one keyframe: true where it sees an obstacle, false where it sees through.
+using RayTree = openvdb::tree::Tree4<bool, 5, 4, 3>::Type;
+
+constexpr int64_t kHit = int64_t{1} << 32, kMiss = 1;
 constexpr double kMaxVoxelsFromOrigin = 32000;  ///< OctoMap's keys have 16 bits
 // What things take in memory, with what malloc adds.
-constexpr size_t kNodeBytes = 64;      ///< of the tree; 32 for a leaf, 112 for others
-constexpr size_t kRayVoxelBytes = 48;  ///< of a keyframe, while it is inserted
-constexpr size_t kCellBytes = 16;      ///< of a slice, with the message that it becomes
+constexpr size_t kNodeBytes = 64;   ///< of OctoMap's tree; 32 for a leaf, 112 for others
+constexpr size_t kCellBytes = 16;   ///< of a slice, with the message that it becomes
+constexpr size_t kCountLeafBytes =  ///< of 8 x 8 x 8 voxels
+    sizeof(CountTree::LeafNodeType) + CountTree::LeafNodeType::SIZE * sizeof(int64_t) + 32;
+constexpr size_t kRayLeafBytes = sizeof(RayTree::LeafNodeType) + 16;
+constexpr int kLeafSize = CountTree::LeafNodeType::DIM;
 
-octomap::point3d ToPoint(const Eigen::Vector3d& p) {
-  return {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())};
+/// By the sensor model; the logarithms of the odds 7 / 3 and 2 / 3.
+Occupancy OccupancyOf(int64_t count) {
+  if (count == 0) return Occupancy::kUnknown;
+  static const double hit = std::log(7.0 / 3), miss = std::log(3.0 / 2);
+  const auto hits = static_cast<double>(count >> 32), misses = static_cast<double>(count & (kHit - 1));
+  return hits > 0 && hits * hit >= misses * miss ? Occupancy::kOccupied : Occupancy::kFree;
 }
+
+Coord ToCoord(const Eigen::Vector3d& voxel) {
+  const Eigen::Vector3i index = voxel.array().floor().cast<int>();
+  return {index.x(), index.y(), index.z()};
+}
+
+VoxelIndex ToIndex(const Coord& at) { return {at.x(), at.y(), at.z()}; }
 
 }  // namespace
 
-struct OccupancyMap::Tree : octomap::OcTree {
-  using OcTree::OcTree;
+void VoxelBox::Add(const VoxelIndex& voxel) {
+  for (size_t i = 0; i < 3; ++i) low[i] = std::min(low[i], voxel[i]), high[i] = std::max(high[i], voxel[i]);
+}
+
+bool VoxelBox::Contains(const VoxelIndex& voxel) const {
+  for (size_t i = 0; i < 3; ++i) {
+    if (voxel[i] < low[i] || voxel[i] > high[i]) return false;
+  }
+  return true;
+}
+
+struct OccupancyMap::Voxels {
+  CountTree counts{0};
 };
 
 struct OccupancyMap::Rays {
-  octomap::Pointcloud ends;  ///< in the world
-  size_t voxels = 0;         ///< that they go through, all together
+  RayTree voxels{false};
 };
 
 OccupancyMap::OccupancyMap(double resolution, OccupancyLimits limits)
@@ -40,60 +75,104 @@ OccupancyMap::OccupancyMap(double resolution, OccupancyLimits limits)
   if (!(resolution > 0 && std::isfinite(resolution))) {
     throw InvalidInputError(Concat("occupancy: resolution = ", resolution, ": must be > 0 and finite"));
   }
-  tree_ = std::make_unique<Tree>(resolution);
+  voxels_ = std::make_unique<Voxels>();
 }
 
 OccupancyMap::~OccupancyMap() = default;
 
-std::optional<OccupancyMap::Rays> OccupancyMap::FindRays(const PlacedKeyframe& keyframe) const {
-  const double max_coordinate = kMaxVoxelsFromOrigin * resolution_;
-  const Eigen::Vector3d& camera = keyframe.world_from_cam.translation();
-  if (!(camera.cwiseAbs().maxCoeff() < max_coordinate)) return std::nullopt;
-  const octomap::OcTreeKey from = tree_->coordToKey(ToPoint(camera));
-  Rays rays;
-  octomap::KeySet ends;
+std::unique_ptr<OccupancyMap::Rays> OccupancyMap::FindRays(const PlacedKeyframe& keyframe) const {
+  const Eigen::Vector3d camera = keyframe.world_from_cam.translation() / resolution_;
+  if (!(camera.cwiseAbs().maxCoeff() < kMaxVoxelsFromOrigin)) return nullptr;
+  auto rays = std::make_unique<Rays>();
+  openvdb::tree::ValueAccessor<RayTree> at(rays->voxels);
+  const Coord from = ToCoord(camera);
+  std::vector<Coord> ends;
   const PackedCloud& points = *keyframe.points_in_camera;
   for (size_t i = 0; i < points.size(); ++i) {
     const SurfacePoint point = points[i];
     if (point.confidence < kMinOccupancyConfidence) continue;
     const Vec3f& p = point.position;
-    const Eigen::Vector3d end = keyframe.world_from_cam * (keyframe.scale * Eigen::Vector3d(p.x, p.y, p.z));
-    if (!(end.cwiseAbs().maxCoeff() < max_coordinate)) return std::nullopt;
-    const octomap::OcTreeKey key = tree_->coordToKey(ToPoint(end));
-    if (!ends.insert(key).second) continue;
-    rays.ends.push_back(tree_->keyToCoord(key));
-    for (unsigned i = 0; i < 3; ++i) rays.voxels += static_cast<size_t>(std::abs(int{key[i]} - int{from[i]}));
+    const Eigen::Vector3d end =
+        keyframe.world_from_cam * (keyframe.scale * Eigen::Vector3d(p.x, p.y, p.z)) / resolution_;
+    if (!(end.cwiseAbs().maxCoeff() < kMaxVoxelsFromOrigin)) return nullptr;
+    const Coord voxel = ToCoord(end);
+    if (at.isValueOn(voxel)) continue;
+    at.setValueOn(voxel, true);
+    ends.push_back(voxel);
+  }
+  constexpr size_t kRaysBetweenChecks = 1000;
+  constexpr int kJoined = 4;  // voxels in turn that another ray goes through: from there on both do
+  const openvdb::Vec3d eye(camera.x(), camera.y(), camera.z());
+  for (size_t i = 0; i < ends.size(); ++i) {
+    if (i % kRaysBetweenChecks == 0 && rays->voxels.leafCount() * kRayLeafBytes > limits_.max_bytes / 4) return nullptr;
+    if (ends[i] == from) continue;
+    const openvdb::Vec3d end = ends[i].asVec3d() + openvdb::Vec3d(0.5);
+    openvdb::math::DDA<openvdb::math::Ray<double>> walk({end, eye - end, 0, 1});
+    for (int joined = 0; joined < kJoined && walk.step();) {
+      if (at.isValueOn(walk.voxel())) {
+        ++joined;
+        continue;
+      }
+      at.setValueOn(walk.voxel(), false);
+      joined = 0;
+    }
   }
   return rays;
 }
 
-bool OccupancyMap::CanInsert(const std::vector<PlacedKeyframe>& keyframes) const {
-  const size_t max_of_one = limits_.max_bytes / 4 / kRayVoxelBytes;
-  size_t voxels = 0;
-  for (const PlacedKeyframe& keyframe : keyframes) {
-    limits_.check();
-    const std::optional<Rays> rays = FindRays(keyframe);
-    if (!rays || rays->voxels > max_of_one) return false;
-    voxels += rays->voxels;
-    if (voxels > limits_.max_ray_voxels) return false;
+void OccupancyMap::Count(const Rays& rays, int sign) {
+  for (auto leaf = rays.voxels.cbeginLeaf(); leaf; ++leaf) {
+    CountTree::LeafNodeType* counts = voxels_->counts.touchLeaf(leaf->origin());
+    for (auto voxel = leaf->cbeginValueOn(); voxel; ++voxel) {
+      const int64_t before = counts->getValue(voxel.pos());
+      const int64_t after = before + sign * (*voxel ? kHit : kMiss);
+      counts->setValueOnly(voxel.pos(), after);
+      counts->setActiveState(voxel.pos(), after != 0);
+      if (OccupancyOf(before) != OccupancyOf(after)) changed_.push_back(ToIndex(voxel.getCoord()));
+    }
   }
-  return true;
 }
 
 bool OccupancyMap::Insert(const std::vector<PlacedKeyframe>& keyframes) {
-  if (!CanInsert(keyframes)) return false;
-  constexpr double kNoLimit = -1;
-  const bool inner_nodes_later = true, one_ray_per_voxel = false;  // there is but one already
   for (const PlacedKeyframe& keyframe : keyframes) {
     limits_.check();
-    tree_->insertPointCloud(FindRays(keyframe)->ends, ToPoint(keyframe.world_from_cam.translation()), kNoLimit,
-                            inner_nodes_later, one_ray_per_voxel);
-    if (tree_->size() > limits_.max_bytes / 4 * 3 / kNodeBytes) return false;
+    const std::unique_ptr<Rays> rays = FindRays(keyframe);
+    if (!rays) return false;
+    Count(*rays, 1);
+    if (bytes() > limits_.max_bytes / 4 * 3 || voxels() > limits_.max_bytes / 4 * 3 / kNodeBytes) return false;
   }
-  if (tree_->size() == 0) return true;
-  double size[3];
-  tree_->getMetricSize(size[0], size[1], size[2]);
-  return size[0] / resolution_ * (size[1] / resolution_) <= static_cast<double>(limits_.max_bytes / kCellBytes);
+  const VoxelBox box = KnownBox();
+  if (box.empty()) return true;
+  const auto size = [&](size_t i) { return static_cast<double>(box.high[i]) - box.low[i] + 1; };
+  return size(0) * size(1) <= static_cast<double>(limits_.max_bytes / kCellBytes);
+}
+
+void OccupancyMap::Remove(const PlacedKeyframe& keyframe) {
+  limits_.check();
+  Count(*FindRays(keyframe), -1);
+  openvdb::tools::pruneInactive(voxels_->counts);
+}
+
+std::vector<VoxelIndex> OccupancyMap::TakeChanged() { return std::exchange(changed_, {}); }
+
+Occupancy OccupancyMap::At(const VoxelIndex& voxel) const {
+  return OccupancyOf(voxels_->counts.getValue({voxel[0], voxel[1], voxel[2]}));
+}
+
+void OccupancyMap::Read(const VoxelBox& box, std::vector<Occupancy>* voxels) const {
+  voxels->clear();
+  openvdb::tree::ValueAccessor<const CountTree> counts(voxels_->counts);
+  for (int x = box.low[0]; x <= box.high[0]; ++x) {
+    for (int y = box.low[1]; y <= box.high[1]; ++y) {
+      for (int z = box.low[2]; z <= box.high[2]; ++z) voxels->push_back(OccupancyOf(counts.getValue({x, y, z})));
+    }
+  }
+}
+
+VoxelBox OccupancyMap::KnownBox() const {
+  openvdb::CoordBBox box;
+  if (!voxels_->counts.evalActiveVoxelBoundingBox(box)) return {};
+  return {ToIndex(box.min()), ToIndex(box.max())};
 }
 
 OccupancySlice OccupancyMap::Slice(double min_height, double max_height) const {
@@ -103,49 +182,62 @@ OccupancySlice OccupancyMap::Slice(double min_height, double max_height) const {
   }
   OccupancySlice slice;
   slice.resolution = resolution_;
-  if (tree_->size() == 0) return slice;
-  double low[3], high[3];
-  tree_->getMetricMin(low[0], low[1], low[2]);
-  tree_->getMetricMax(high[0], high[1], high[2]);
-  const double bottom = std::max(min_height, -kMaxVoxelsFromOrigin * resolution_);
-  const double top = std::min(max_height, kMaxVoxelsFromOrigin * resolution_);
-  if (top <= low[2] || bottom >= high[2]) return slice;
-  const double half = resolution_ / 2;  // from a border between voxels into one
-  octomap::OcTreeKey key = tree_->coordToKey(low[0] + half, low[1] + half, bottom + half);
-  const octomap::OcTreeKey last = tree_->coordToKey(high[0] - half, high[1] - half, top - half);
-  const octomap::point3d first = tree_->keyToCoord(key);
-  slice.origin_x = first.x() - half;
-  slice.origin_y = first.y() - half;
-  slice.width = last[0] - key[0] + 1;
-  slice.height = last[1] - key[1] + 1;
-  const octomap::OcTreeKey top_key(last[0], last[1], std::max(last[2], key[2]));
-  const int column = top_key[2] - key[2] + 1;
+  const VoxelBox known = KnownBox();
+  if (known.empty()) return slice;
+  const auto layer = [&](double height) {
+    return static_cast<int>(std::floor(std::clamp(height / resolution_, -kMaxVoxelsFromOrigin, kMaxVoxelsFromOrigin)));
+  };
+  // A border between voxels belongs to neither side; heights in float64 may miss it by their last bit.
+  constexpr double kBit = 1e-9;
+  const int bottom = layer(min_height + kBit * resolution_), top = layer(max_height - kBit * resolution_);
+  if (top < known.low[2] || bottom > known.high[2]) return slice;
+  const int column = top - bottom + 1;
+  slice.origin_x = known.low[0] * resolution_;
+  slice.origin_y = known.low[1] * resolution_;
+  slice.width = known.high[0] - known.low[0] + 1;
+  slice.height = known.high[1] - known.low[1] + 1;
   slice.cells.assign(static_cast<size_t>(slice.width) * static_cast<size_t>(slice.height), Occupancy::kUnknown);
   std::vector<uint16_t> free(slice.cells.size(), 0);  // of each column
-  // All leaves are single voxels: nothing has been pruned.
-  for (auto leaf = tree_->begin_leafs_bbx(key, top_key), end = tree_->end_leafs_bbx(); leaf != end; ++leaf) {
-    const octomap::OcTreeKey at = leaf.getKey();
-    const size_t cell = static_cast<size_t>(at[1] - key[1]) * static_cast<size_t>(slice.width) + at[0] - key[0];
-    if (tree_->isNodeOccupied(*leaf)) {
-      slice.cells[cell] = Occupancy::kOccupied;
-    } else if (++free[cell] == column) {
-      slice.cells[cell] = Occupancy::kFree;
+  for (auto leaf = voxels_->counts.cbeginLeaf(); leaf; ++leaf) {
+    if (leaf->origin().z() > top || leaf->origin().z() + kLeafSize <= bottom) continue;
+    for (auto voxel = leaf->cbeginValueOn(); voxel; ++voxel) {
+      const Coord at = voxel.getCoord();
+      if (at.z() < bottom || at.z() > top) continue;
+      const size_t cell = static_cast<size_t>(at.y() - known.low[1]) * static_cast<size_t>(slice.width) +
+                          static_cast<size_t>(at.x() - known.low[0]);
+      if (OccupancyOf(*voxel) == Occupancy::kOccupied) {
+        slice.cells[cell] = Occupancy::kOccupied;
+      } else if (++free[cell] == column) {
+        slice.cells[cell] = Occupancy::kFree;
+      }
     }
   }
   return slice;
 }
 
-void OccupancyMap::Write(const std::filesystem::path& path) const {
-  if (tree_->size() == 0) throw InvalidInputError("the map is empty: nothing was written");
-  octomap::OcTree whole(*tree_);  // the format has one bit pair per node: as many nodes as possible become one
-  whole.updateInnerOccupancy();
+size_t OccupancyMap::Write(const std::filesystem::path& path) const {
+  if (voxels() == 0) throw InvalidInputError("the map is empty: nothing was written");
+  octomap::OcTree tree(resolution_);
+  const bool inner_nodes_later = true;
+  for (auto voxel = voxels_->counts.cbeginValueOn(); voxel; ++voxel) {
+    const Coord at = voxel.getCoord();
+    const auto middle = [&](int i) { return (at[i] + 0.5) * resolution_; };
+    const bool occupied = OccupancyOf(*voxel) == Occupancy::kOccupied;
+    tree.setNodeValue(tree.coordToKey(middle(0), middle(1), middle(2)),
+                      occupied ? tree.getClampingThresMaxLog() : tree.getClampingThresMinLog(), inner_nodes_later);
+  }
+  tree.updateInnerOccupancy();
+  const size_t nodes = tree.size();
   constexpr int kDigits = 6;
   std::ostringstream bytes = MakeTextFile(kDigits);
-  if (!whole.writeBinary(bytes)) throw ProcessingError("cannot make OctoMap's format");
+  if (!tree.writeBinary(bytes)) throw ProcessingError("cannot make OctoMap's format");  // which prunes it first
   WriteFileAtomically(path, bytes.str(), Durability::kPowerCut);
+  return nodes;
 }
 
-size_t OccupancyMap::nodes() const { return tree_->size(); }
+size_t OccupancyMap::voxels() const { return voxels_->counts.activeVoxelCount(); }
+
+size_t OccupancyMap::bytes() const { return voxels_->counts.leafCount() * kCountLeafBytes; }
 
 bool ZPointsUp(const std::vector<PlacedKeyframe>& keyframes) {
   constexpr double kTilt = 0.5;      // 30 degrees to a side on average; 60 degrees of pitch
@@ -168,6 +260,26 @@ bool ZPointsUp(const std::vector<PlacedKeyframe>& keyframes) {
   return squared_x < kTilt * kTilt * captures && (-sum.y() > kTilt * captures || looks_down);
 }
 
+namespace {
+
+/// Whether it has other points, or some of them lie elsewhere.
+bool HasMoved(const PlacedKeyframe& before, const PlacedKeyframe& now, double tolerance) {
+  if (before.points_in_camera != now.points_in_camera) return true;
+  const PackedCloud& points = *now.points_in_camera;
+  const auto moves = [&](const Eigen::Vector3d& p) {
+    return (now.world_from_cam * (now.scale * p) - before.world_from_cam * (before.scale * p)).norm() > tolerance;
+  };
+  if (moves(Eigen::Vector3d::Zero())) return true;
+  constexpr size_t kSome = 16;
+  for (size_t i = 0; i < points.size(); i += 1 + points.size() / kSome) {
+    const Vec3f p = points[i].position;
+    if (moves({p.x, p.y, p.z})) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
 std::unique_ptr<OccupancyMap> MakeOccupancyMap(const PlacedKeyframes& map, double resolution,
                                                const OccupancyLimits& limits) {
   if (map.keyframes.empty() || !(map.voxel_size > 0))
@@ -176,6 +288,63 @@ std::unique_ptr<OccupancyMap> MakeOccupancyMap(const PlacedKeyframes& map, doubl
     auto occupancy = std::make_unique<OccupancyMap>(size, limits);
     if (occupancy->Insert(map.keyframes)) return occupancy;
   }
+}
+
+LiveOccupancy::Change LiveOccupancy::Update(const PlacedKeyframes& map) {
+  Change change;
+  if (map.keyframes.empty() || !(map.voxel_size > 0)) {
+    change.anew = map_ != nullptr;
+    Clear();
+    return change;
+  }
+  try {
+    change.anew = !map_ || map.voxel_size != voxel_size_ || map.origin != origin_;
+    double resolution = change.anew ? kOccupancyVoxels * map.voxel_size : map_->resolution();
+    for (bool fits = !change.anew && Follow(map); !fits; resolution *= 2) {
+      if (!change.anew) resolution *= 2;
+      change.anew = true;
+      keyframes_.clear();
+      map_ = std::make_unique<OccupancyMap>(resolution, limits_);
+      fits = Follow(map);
+    }
+    voxel_size_ = map.voxel_size;
+    origin_ = map.origin;
+    change.changed = map_->TakeChanged();
+    if (change.anew) change.changed.clear();
+    return change;
+  } catch (...) {  // what is half done cannot be gone on with
+    Clear();
+    throw;
+  }
+}
+
+bool LiveOccupancy::Follow(const PlacedKeyframes& map) {
+  std::set<KeyframeKey> present;
+  for (const PlacedKeyframe& placed : map.keyframes) present.insert(placed.key);
+  for (auto known = keyframes_.begin(); known != keyframes_.end();) {
+    if (present.count(known->first) > 0) {
+      ++known;
+      continue;
+    }
+    map_->Remove(known->second);
+    known = keyframes_.erase(known);
+  }
+  for (const PlacedKeyframe& placed : map.keyframes) {
+    const auto known = keyframes_.find(placed.key);
+    if (known != keyframes_.end()) {
+      if (!HasMoved(known->second, placed, kMovedVoxels * map_->resolution())) continue;
+      map_->Remove(known->second);
+    }
+    PlacedKeyframe& keyframe = keyframes_[placed.key] = placed;
+    keyframe.image.reset();  // the map may let it go
+    if (!map_->Insert({keyframe})) return false;
+  }
+  return true;
+}
+
+void LiveOccupancy::Clear() {
+  map_.reset();
+  keyframes_.clear();
 }
 
 }  // namespace acmp

@@ -319,7 +319,7 @@ void DescribeMesh(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) 
   if (mesh.longest_wait_s < kLongS) return;
   status->mergeSummary(DiagnosticStatus::WARN,
                        Concat("the mesh is ", std::lround(mesh.longest_wait_s), " s behind, ", mesh.to_tell,
-                              " blocks wait: ~mesh_rate, ~mesh_max_triangles or ~mesh_time allow no more"));
+                              " blocks wait: ~mesh_rate or ~mesh_time allow no more"));
 }
 
 }  // namespace

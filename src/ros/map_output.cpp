@@ -7,14 +7,12 @@
 #include <iterator>
 #include <utility>
 
-#include <nav_msgs/OccupancyGrid.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <tf2_eigen/tf2_eigen.h>
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/map/map_writer.h"
-#include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/ros/topic_names.h"
 
@@ -23,12 +21,6 @@ namespace {
 
 /// roscpp takes more for a broken connection; 1 kB is left for the other fields.
 constexpr size_t kMaxMessageBytes = 1000000000 - 1000;
-
-template <class Message>
-ros::Publisher AdvertiseLatched(ros::NodeHandle* nh, const char* name, PublishPace* pace) {
-  const ros::SubscriberStatusCallback on_connect = [pace](const ros::SingleSubscriberPublisher&) { pace->Request(); };
-  return nh->advertise<Message>(name, 1, on_connect, ros::SubscriberStatusCallback(), ros::VoidConstPtr(), true);
-}
 
 /// Of a file with local coordinates; empty where these are the world's. @param holder what has no larger ones
 std::string DescribeOrigin(const Eigen::Vector3d& origin, const char* holder) {
@@ -59,8 +51,7 @@ MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOpt
     : map_(map),
       options_(options),
       report_(std::move(report)),
-      points_(AdvertiseLatched<sensor_msgs::PointCloud2>(&nh, names::kMapPoints, &points_pace_)),
-      occupancy_(AdvertiseLatched<nav_msgs::OccupancyGrid>(&nh, names::kOccupancy, &occupancy_pace_)) {}
+      points_(AdvertiseLatched<sensor_msgs::PointCloud2>(&nh, names::kMapPoints, &points_pace_)) {}
 
 void MapOutput::SetHeader(const std::string& world_frame, int64_t stamp_ns) {
   std::lock_guard<std::mutex> lock(header_mutex_);
@@ -73,12 +64,6 @@ std_msgs::Header MapOutput::Header() {
   return header_;
 }
 
-template <class Message>
-void MapOutput::PublishOf(uint64_t emptied, const ros::Publisher& publisher, const Message& message) {
-  std::lock_guard<std::mutex> lock(publish_mutex_);
-  if (emptied_ == emptied) publisher.publish(message);
-}
-
 size_t MapOutput::Publish() {
   const uint64_t emptied = emptied_;
   const uint64_t version = map_->version();
@@ -88,7 +73,9 @@ size_t MapOutput::Publish() {
   const MapCloud map = map_->WorldCloud();
   CheckCloudSize(map.points.size(), kMaxMessageBytes);
   EnterLocalFrame(map.origin, &header);
-  PublishOf(emptied, points_, ToCloudMessage(map.points, header));
+  const sensor_msgs::PointCloud2Ptr message = ToCloudMessage(map.points, header);
+  std::lock_guard<std::mutex> lock(publish_mutex_);
+  if (emptied_ == emptied) points_.publish(message);
   return map.points.size();
 }
 
@@ -99,7 +86,6 @@ void MapOutput::PublishNothing() {
   SetHeader("", 0);
   if (header.frame_id.empty()) return;
   points_.publish(ToCloudMessage({}, header));
-  if (occupancy_) occupancy_.publish(ToOccupancyGrid({}, header));
 }
 
 void MapOutput::EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header) {
@@ -114,83 +100,34 @@ void MapOutput::EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header*
   local_frame_->sendTransform(transform);
 }
 
-void MapOutput::PublishOccupancy() {
-  const uint64_t emptied = emptied_;
-  const uint64_t version = map_->version();
-  const std_msgs::Header header = Header();
-  occupancy_pace_.Begin(header.frame_id.empty() ? 0 : version);
-  const PlacedKeyframes map = map_->Placed();
-  if (header.frame_id.empty() || map.keyframes.empty() || map.voxel_size == 0) return;
-  if (!options_.z_up && !ZPointsUp(map.keyframes)) {
-    report_(
-        {"occupancy_not_upright",
-         Concat("occupancy is empty: by the cameras z of \"", header.frame_id,
-                "\" does not point up (frontends of one camera without an IMU have a world whose z points forward). "
-                "Set ~z_up if it does, and cameras are mounted on their side")});
-    return PublishOf(emptied, occupancy_, ToOccupancyGrid({}, header));
-  }
-  std::string coarse;
-  OccupancySlice slice =
-      MakeOccupancy(map, &coarse)
-          ->Slice(options_.occupancy_min_height - map.origin.z(), options_.occupancy_max_height - map.origin.z());
-  slice.origin_x += map.origin.x();
-  slice.origin_y += map.origin.y();
-  CheckStopped();
-  if (!coarse.empty()) report_({"occupancy_coarse", "occupancy: " + coarse});
-  constexpr size_t kSomeKeyframes = 3;
-  if (slice.cells.empty() && map.keyframes.size() >= kSomeKeyframes) {
-    const auto height = [&](const PlacedKeyframe& keyframe) {
-      return keyframe.world_from_cam.translation().z() + map.origin.z();
-    };
-    const auto [lowest, highest] =
-        std::minmax_element(map.keyframes.begin(), map.keyframes.end(),
-                            [&](const auto& a, const auto& b) { return height(a) < height(b); });
-    report_({"occupancy_empty",
-             Concat("occupancy has no cells: nothing of the map lies between z = ", options_.occupancy_min_height,
-                    " and ", options_.occupancy_max_height, " of \"", header.frame_id,
-                    "\" (~occupancy_min_height, ~occupancy_max_height), where cameras are at z = ", height(*lowest),
-                    " to ", height(*highest), ": z must point up, and the floor be at 0")});
-  }
-  PublishOf(emptied, occupancy_, ToOccupancyGrid(slice, header));
-}
-
-std::unique_ptr<OccupancyMap> MapOutput::MakeOccupancy(const PlacedKeyframes& map, std::string* coarse) const {
+OccupancyLimits MapOutput::LimitsOfOccupancy() const {
   OccupancyLimits limits;
   limits.max_bytes = options_.memory_limit_bytes();
   limits.check = [this] { CheckStopped(); };
-  auto occupancy = MakeOccupancyMap(map, 0, limits);
-  const double wanted = kOccupancyVoxels * map.voxel_size;
-  if (occupancy->resolution() > wanted) {
-    *coarse =
-        Concat("cells are ", occupancy->resolution(), " wide in place of ", wanted,
-               ": the scene is too wide or its depths too large for them (~memory_limit = ", options_.memory_limit_gb,
-               ", ", limits.max_ray_voxels / 1000000,
-               " million cells on all rays, 32000 from the origin); raise ~voxel_size, or lower ~map_radius");
-  }
-  return occupancy;
+  return limits;
+}
+
+std::string MapOutput::DescribeCoarse(const OccupancyMap& occupancy, double voxel_size) const {
+  const double wanted = kOccupancyVoxels * voxel_size;
+  if (occupancy.resolution() <= wanted) return "";
+  return Concat("cells are ", occupancy.resolution(), " wide in place of ", wanted,
+                ": the scene is too wide for them (~memory_limit = ", options_.memory_limit_gb,
+                ", 32000 cells from the origin); raise ~voxel_size, or lower ~map_radius");
 }
 
 void MapOutput::CheckStopped() const {
   if (stopping_) throw ProcessingError("the map server is shutting down");
 }
 
-void MapOutput::PublishPaced(const ros::Publisher& publisher, PublishPace* pace, const std::function<void()>& publish) {
-  const double rate = options_.map_publish_rate;
-  if (stopping_ || !pace->IsDue(rate, publisher.getNumSubscribers(), map_->version())) return;
-  try {
-    publish();
-  } catch (const std::exception& error) {
-    if (!stopping_) report_({"map_error", Concat(publisher.getTopic(), " was not published: ", error.what())});
-  }
-  pace->End(rate);
-}
-
 void MapOutput::PublishIfDue() {
-  PublishPaced(points_, &points_pace_, [this] { Publish(); });
-}
-
-void MapOutput::PublishOccupancyIfDue() {
-  if (occupancy_) PublishPaced(occupancy_, &occupancy_pace_, [this] { PublishOccupancy(); });
+  const double rate = options_.map_publish_rate;
+  if (stopping_ || !points_pace_.IsDue(rate, points_.getNumSubscribers(), map_->version())) return;
+  try {
+    Publish();
+  } catch (const std::exception& error) {
+    if (!stopping_) report_({"map_error", Concat(points_.getTopic(), " was not published: ", error.what())});
+  }
+  points_pace_.End(rate);
 }
 
 MapOutput::Written MapOutput::WriteCloud(const std::filesystem::path& path, const SaveMap::Request& request) const {
@@ -210,12 +147,12 @@ MapOutput::Written MapOutput::WriteMesh(const std::filesystem::path& path, const
 MapOutput::Written MapOutput::WriteOctomap(const std::filesystem::path& path, const SaveMap::Request&) const {
   CheckMapPath(path);
   const PlacedKeyframes map = map_->Placed();
-  std::string coarse;
-  const auto occupancy = MakeOccupancy(map, &coarse);
+  const auto occupancy = MakeOccupancyMap(map, 0, LimitsOfOccupancy());
   ClaimMapFile(path);
-  occupancy->Write(path);
+  const size_t nodes = occupancy->Write(path);
+  const std::string coarse = DescribeCoarse(*occupancy, map.voxel_size);
   const std::string note = Concat(coarse.empty() ? "" : "; ", coarse);
-  return {occupancy->nodes(), map.keyframes.size(), note + DescribeOrigin(map.origin, "OctoMap")};  // 16-bit keys
+  return {nodes, map.keyframes.size(), note + DescribeOrigin(map.origin, "OctoMap")};  // 16-bit keys
 }
 
 MapOutput::Written MapOutput::WriteColmap(const std::filesystem::path& path, const SaveMap::Request&) const {

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include <acmp_mapping/GetDistances.h>
 #include <acmp_mapping/KeyframePoints.h>
 #include <acmp_mapping/LoadSession.h>
 #include <acmp_mapping/SaveSession.h>
@@ -31,6 +32,7 @@
 #include "acmp_mapping/ros/map_output.h"
 #include "acmp_mapping/ros/mesh_output.h"
 #include "acmp_mapping/ros/nodelet_base.h"
+#include "acmp_mapping/ros/occupancy_output.h"
 #include "acmp_mapping/ros/options.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/ros/session_bag.h"
@@ -69,15 +71,17 @@ RigidTransform WorldFromSession(geometry_msgs::Transform transform) {
 /// all come from: keyframes that it has no pose for move with those that it has one for.
 ///
 /// Threads: one for keyframes and paths, in the order of their arrival; one in which keyframes look around; one for
-/// services, which also publishes the map, and one for reset; one for occupancy; one for the mesh; one for diagnostics;
-/// one that asks the ROS master. Services first wait for all keyframes that have arrived, and until they have looked:
-/// in one process with a mapper, these are all that the mapper has published.
+/// services, which also publishes the map, and one for reset; one for occupancy and distances, and one that asks for
+/// these; one for the mesh; one for diagnostics; one that asks the ROS master. Services first wait for all keyframes
+/// that have arrived, and until they have looked: in one process with a mapper, these are all that the mapper has
+/// published.
 ///
 /// mutex_ guards what diagnostics read, for a moment; none is held while another one is taken.
 class MapServerNodelet : public NodeletBase {
  public:
   ~MapServerNodelet() override {
     if (map_output_) map_output_->Stop();
+    distance_thread_.Stop();
     looking_thread_.Stop();  // first: services wait for it
     StopThreads();
     occupancy_thread_.Stop();
@@ -102,6 +106,9 @@ class MapServerNodelet : public NodeletBase {
     map_ = std::make_unique<MapStore>(options_.map);
     map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_,
                                               [this](const RejectedInput& rejected) { Report(rejected); });
+    occupancy_output_ = std::make_unique<OccupancyOutput>(occupancy_thread_.Attach(getNodeHandle()), map_.get(),
+                                                          options_, map_output_.get(),
+                                                          [this](const RejectedInput& rejected) { Report(rejected); });
     mesh_output_ =
         std::make_unique<MeshOutput>(mesh_thread_.Attach(getNodeHandle()), map_.get(), options_, map_output_.get(),
                                      [this](const RejectedInput& rejected) { Report(rejected); });
@@ -171,15 +178,19 @@ class MapServerNodelet : public NodeletBase {
           response->T_world_session = tf2::eigenToTransform(world_from_session).transform;
           response->message = Concat("loaded ", response->keyframes, " keyframes of ", path.string(), where);
         });
+    AddService<acmp_mapping::GetDistances>(
+        &distance_thread_, names::kGetDistances,
+        [this](const auto& request, auto* response) { *response = occupancy_output_->Answer(request); });
     publish_timer_ = service_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishIfDue(); });
     occupancy_timer_ =
-        occupancy_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishOccupancyIfDue(); });
+        occupancy_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { occupancy_output_->PublishIfDue(); });
     // Images and messages come and go between the points that stay: glibc keeps what they leave, a quarter of the
     // manager's memory.
     free_timer_ = status_thread_.MakeTimer(getNodeHandle(), kFreePeriodS, [] { malloc_trim(0); });
     mesh_timer_ = mesh_thread_.MakeTimer(getNodeHandle(), kMeshPeriodS,
                                          [this] { mesh_limit_.Run([this] { mesh_output_->PublishIfDue(); }); });
     occupancy_thread_.Start();
+    distance_thread_.Start();
     mesh_thread_.Start();
     looking_thread_.Start();
   }
@@ -390,12 +401,14 @@ class MapServerNodelet : public NodeletBase {
   }
 
   MapServerOptions options_;
-  CallbackThread occupancy_thread_{report_failure_}, mesh_thread_{report_failure_}, looking_thread_{report_failure_};
+  CallbackThread occupancy_thread_{report_failure_}, distance_thread_{report_failure_}, mesh_thread_{report_failure_},
+      looking_thread_{report_failure_};
   static constexpr int kThreads = 2;  ///< each of what follows: mappers have work to do
   ThreadLimit adding_limit_{kThreads}, looking_limit_{kThreads}, mesh_limit_{kThreads};
   std::unique_ptr<ImageStore> images_;
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<MapOutput> map_output_;
+  std::unique_ptr<OccupancyOutput> occupancy_output_;
   std::unique_ptr<MeshOutput> mesh_output_;
 
   std::mutex mutex_;

@@ -38,6 +38,7 @@ void NodeletBase::StopThreads() {
   service_thread_.Stop();
   urgent_thread_.Stop();
   status_thread_.Stop();
+  services_.clear();
 }
 
 }  // namespace acmp

@@ -335,10 +335,12 @@ OptionList OptionsOf(MapServerOptions* o) {
   list.Flag("z_up", &o->z_up,
             "z of the world points up from a floor at 0. If false, occupancy is empty where cameras are not upright in "
             "a world whose z points up, as is that of most frontends of one camera");
+  list.Flag(
+      "distance_to_unknown", &o->distance_to_unknown,
+      "Distances (distance_slice, get_distances) are those to the nearest obstacle or unknown space, whichever is "
+      "nearer; if false, to the nearest obstacle");
   list.Number("mesh_rate", &o->mesh_rate, 0, 30, "Hz",
               "What has changed of the mesh is published at most so often, to who listens; 0: there is no mesh");
-  list.Number("mesh_max_triangles", &o->mesh_max_triangles, 1000, 10000000, "",
-              "Triangles of a message, 120 bytes each; what has changed beyond comes with the next ones");
   list.Number("mesh_time", &o->mesh_time, 0.001, 10, "s",
               "What may be computed for a message; what takes longer goes on with the next ones");
   list.Number("mesh_memory", &o->mesh_memory_gb, 0.01, 1000, "GB",

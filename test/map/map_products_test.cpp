@@ -59,7 +59,7 @@ TEST(MapMeshTest, FarFromTheOriginItIsTheSame) {
   };
   EXPECT_LT((middle(map) - offset - middle(expected)).norm(), 0.04);
   const auto cells = [](const MapStore& store) {
-    return static_cast<double>(MakeOccupancyMap(store.Placed(), 0.1)->nodes());
+    return static_cast<double>(MakeOccupancyMap(store.Placed(), 0.1)->voxels());
   };
   EXPECT_NEAR(cells(far), cells(near), 0.05 * cells(near)) << "the grid lies in another way";
 }

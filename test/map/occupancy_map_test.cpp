@@ -93,7 +93,7 @@ TEST(OccupancyMapTest, DoubtfulPointsSayNothing) {
   for (SurfacePoint& point : points) point.confidence = 0.9f * kMinOccupancyConfidence;
   OccupancyMap map(0.05);
   map.Insert({Keyframe(points)});
-  EXPECT_EQ(map.nodes(), 0u);
+  EXPECT_EQ(map.voxels(), 0u);
   EXPECT_TRUE(map.Slice(0, 1).cells.empty());
 }
 
@@ -178,16 +178,13 @@ TEST(OccupancyMapTest, CostIsBoundedByLargerVoxels) {
     return MakeOccupancyMap(map, 0.05, limits)->resolution();
   };
   EXPECT_EQ(resolution_with({}), 0.05);
-  OccupancyLimits time;  // 40 x 40 rays through 40 voxels along x and 10 + 10 aside
-  time.max_ray_voxels = 60000;
-  EXPECT_EQ(resolution_with(time), 0.1);
   OccupancyLimits memory;
-  memory.max_bytes = 60000 * 4 * 48;
-  EXPECT_EQ(resolution_with(memory), 0.1) << "of a keyframe's rays";
-  const size_t nodes = MakeOccupancyMap(map, 0.05)->nodes();
-  PlacedKeyframes again = map;  // as many rays more often: the same tree
+  const size_t voxels = MakeOccupancyMap(map, 0.05)->voxels();
+  memory.max_bytes = voxels * 64 / 3 * 4 - 1000;
+  EXPECT_EQ(resolution_with(memory), 0.1) << "of the voxels, as OctoMap has them";
+  PlacedKeyframes again = map;  // as many rays more often: the same voxels
   again.keyframes.insert(again.keyframes.end(), 3, map.keyframes[0]);
-  EXPECT_EQ(MakeOccupancyMap(again, 0.05)->nodes(), nodes);
+  EXPECT_EQ(MakeOccupancyMap(again, 0.05)->voxels(), voxels);
   OccupancyLimits stopped;
   stopped.check = [] { throw InvalidInputError("stopped"); };
   EXPECT_EQ(ErrorOf([&] { resolution_with(stopped); }), "stopped");
@@ -201,6 +198,66 @@ TEST(OccupancyMapTest, AWideSceneGetsAsManyCellsAsThereMayBe) {
   const auto occupancy = MakeOccupancyMap(map, 0, limits);
   EXPECT_EQ(occupancy->resolution(), 0.1);
   EXPECT_LT(occupancy->Slice(0.9, 1.1).cells.size(), 10000000u);
+}
+
+/// Whether two maps say the same of all voxels.
+void ExpectSame(const OccupancyMap& a, const OccupancyMap& b) {
+  ASSERT_EQ(a.voxels(), b.voxels());
+  const VoxelBox box = a.KnownBox();
+  ASSERT_EQ(box.low, b.KnownBox().low);
+  ASSERT_EQ(box.high, b.KnownBox().high);
+  std::vector<Occupancy> of_a, of_b;
+  a.Read(box, &of_a);
+  b.Read(box, &of_b);
+  EXPECT_EQ(of_a, of_b);
+}
+
+TEST(LiveOccupancyTest, IsWhatIsMadeAtOnceWhateverHasChanged) {
+  PlacedKeyframes all = test::RoomKeyframes(MakeSyntheticScene({80, 60}), 0.02);
+  for (size_t i = 0; i < all.keyframes.size(); ++i) all.keyframes[i].key.id = i;
+  PlacedKeyframes map = all;
+  map.keyframes.resize(2);
+  LiveOccupancy live{{}};
+  EXPECT_TRUE(live.Update(map).anew);
+  const auto follow = [&](const char* what) {
+    SCOPED_TRACE(what);
+    const LiveOccupancy::Change change = live.Update(map);
+    EXPECT_FALSE(change.anew);
+    EXPECT_FALSE(change.changed.empty());
+    ExpectSame(*live.map(), *MakeOccupancyMap(map, 0));
+  };
+  map = all;
+  follow("new keyframes");
+  map.keyframes[1].world_from_cam.translation().x() += 0.3;
+  follow("one that has moved");
+  map.keyframes[3].points_in_camera = all.keyframes[0].points_in_camera;
+  follow("other points");
+  map.keyframes.erase(map.keyframes.begin());
+  follow("one that has gone");
+  map.keyframes[1].world_from_cam.translation().x() += 1e-3;
+  EXPECT_TRUE(live.Update(map).changed.empty()) << "less than kMovedVoxels";
+  map.origin.x() = 100;
+  EXPECT_TRUE(live.Update(map).anew);
+  map.keyframes.clear();
+  EXPECT_TRUE(live.Update(map).anew);
+  EXPECT_EQ(live.map(), nullptr);
+}
+
+TEST(LiveOccupancyTest, GetsLargerVoxelsWhereItGrowsTooLarge) {
+  PlacedKeyframes map = {{Keyframe(Wall(2.02f))}, 0.0125};
+  OccupancyLimits limits;
+  limits.max_bytes = 40000 * 64 / 3 * 4;
+  LiveOccupancy live(limits);
+  live.Update(map);
+  EXPECT_EQ(live.map()->resolution(), 0.05);
+  for (uint64_t id = 1; id < 4; ++id) {
+    map.keyframes.push_back(map.keyframes[0]);
+    map.keyframes.back().key.id = id;
+    map.keyframes.back().world_from_cam.translation().x() += 3 * static_cast<double>(id);
+  }
+  EXPECT_TRUE(live.Update(map).anew);
+  EXPECT_EQ(live.map()->resolution(), 0.1);
+  ExpectSame(*live.map(), *MakeOccupancyMap(map, 0.1));
 }
 
 }  // namespace

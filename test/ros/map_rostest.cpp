@@ -2,18 +2,24 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <memory>
 
+#include <acmp_mapping/DistanceChange.h>
+#include <acmp_mapping/GetDistances.h>
 #include <gtest/gtest.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <nav_msgs/Path.h>
 #include <tf2_eigen/tf2_eigen.h>
 #include <visualization_msgs/MarkerArray.h>
 
+#include "acmp_mapping/map/distance_field.h"
 #include "acmp_mapping/map/map_mesh.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/map/occupancy_map.h"
@@ -238,6 +244,88 @@ TEST_F(MapTest, D_OccupancyIsPublishedToWhoListens) {
   }
   EXPECT_LE(different, 2) << "of " << expected.cells.size() << ": poses went through quaternions";
   EXPECT_GT(occupied, 0);
+}
+
+/// Distances, and the example of docs/map.md that checks a path against them.
+TEST_F(MapTest, D_DistancesAreToldAndTheExampleChecksAPath) {
+  const PlacedKeyframes map = session().ExpectedStore(session().true_poses)->Placed();
+  LiveOccupancy occupancy{{}};
+  DistanceField field(false, 500000000);
+  const LiveOccupancy::Change change = occupancy.Update(map);
+  field.Update(occupancy, change, map.keyframes.back().world_from_cam.translation(), 1);
+  const DistanceGrid& grid = *field.grid();
+  acmp_mapping::GetDistances call;
+  std::vector<Eigen::Vector3d> free, blocked;
+  ASSERT_EQ(grid.resolution, kOccupancyVoxels * kVoxelSize);
+  VoxelIndex voxel;
+  for (voxel[0] = grid.box.low[0]; voxel[0] <= grid.box.high[0]; ++voxel[0]) {
+    for (voxel[1] = grid.box.low[1]; voxel[1] <= grid.box.high[1]; ++voxel[1]) {
+      for (voxel[2] = grid.box.low[2]; voxel[2] <= grid.box.high[2]; ++voxel[2]) {
+        const Eigen::Vector3d at(voxel[0] + 0.4, voxel[1] + 0.5, voxel[2] + 0.7);
+        const Eigen::Vector3d point = grid.resolution * at;
+        call.request.points.push_back(tf2::toMsg(point));
+        const PointDistance distance = grid.At(point);
+        if (distance.occupancy == Occupancy::kFree && distance.distance > 0.5f) free.push_back(point);
+        if (distance.occupancy == Occupancy::kOccupied) blocked.push_back(point);
+      }
+    }
+  }
+  call.request.points.resize(std::min<size_t>(call.request.points.size(), 5000));
+  ASSERT_FALSE(free.empty());
+  ASSERT_FALSE(blocked.empty());
+  Recorder<acmp_mapping::DistanceChange> changes(session().mapper.nh, "distance_change");
+  Recorder<sensor_msgs::PointCloud2> slice(session().mapper.nh, "distance_slice");
+  const std::string service = session().mapper.nh.resolveName("/map_server/get_distances");
+  ASSERT_TRUE(ros::service::call(service, call));
+  ASSERT_TRUE(call.response.success) << call.response.message;
+  ASSERT_EQ(call.response.distance.size(), call.request.points.size());
+  EXPECT_EQ(call.response.header.frame_id, kWorldFrame);
+  size_t different = 0;
+  for (size_t i = 0; i < call.request.points.size(); ++i) {
+    const geometry_msgs::Point& p = call.request.points[i];
+    const PointDistance expected = grid.At({p.x, p.y, p.z});
+    EXPECT_EQ(std::isnan(call.response.distance[i]), std::isnan(expected.distance));
+    different += std::abs(call.response.distance[i] - expected.distance) > 1e-5f ||
+                 call.response.occupancy[i] != static_cast<uint8_t>(expected.occupancy);
+  }
+  EXPECT_LE(different, call.request.points.size() / 50) << "poses went through quaternions";
+  ASSERT_TRUE(changes.WaitForCount(1));
+  EXPECT_EQ(changes.messages().front()->version, call.response.version);
+  ASSERT_TRUE(slice.WaitForCount(1));
+  EXPECT_GT(slice.messages().front()->width, 100u);
+
+  acmp_mapping::GetDistances bad;
+  bad.request.points.resize(2);
+  bad.request.points[1].y = std::numeric_limits<double>::quiet_NaN();
+  ASSERT_TRUE(ros::service::call(service, bad));
+  EXPECT_FALSE(bad.response.success);
+  EXPECT_NE(bad.response.message.find("points[1]"), std::string::npos) << bad.response.message;
+  bad.request.points.assign(1000000, {});
+  ASSERT_TRUE(ros::service::call(service, bad));
+  EXPECT_FALSE(bad.response.success);
+  EXPECT_NE(bad.response.message.find("100000"), std::string::npos) << bad.response.message;
+
+  std::ifstream docs(ACMP_SOURCE_DIR "/docs/map.md");
+  std::string text((std::istreambuf_iterator<char>(docs)), {});
+  text = text.substr(text.find("<!-- run by map_rostest.cpp -->"));
+  const std::string begin = "```python\n";
+  text = text.substr(text.find(begin) + begin.size());
+  text = text.substr(0, text.find("```"));
+  for (size_t at = 0; (at = text.find("/acmp/map_server", at)) != std::string::npos;)
+    text.replace(at, std::string("/acmp/map_server/get_distances").size(), service);
+  const std::filesystem::path script =
+      std::filesystem::temp_directory_path() / ("acmp_path_" + std::to_string(getpid()));
+  std::ofstream(script) << text;
+  const auto check = [&](const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
+    std::string command = "python3 " + script.string();
+    for (const Eigen::Vector3d& p : {from, to}) {
+      command += " " + std::to_string(p.x()) + "," + std::to_string(p.y()) + "," + std::to_string(p.z());
+    }
+    return WEXITSTATUS(std::system(command.c_str()));
+  };
+  EXPECT_EQ(check(free[0], free[0]), 0);
+  EXPECT_EQ(check(free[0], blocked[0]), 1);
+  std::filesystem::remove(script);
 }
 
 /// The floor is not at 0, or the heights are those of another unit.

@@ -58,9 +58,15 @@ class PublishPace {
 /// that clouds that somebody holds, and those of other maps, stay where they are.
 std::string LocalFrame(const std::string& world_frame, const Eigen::Vector3d& origin);
 
-/// The topics map_points and occupancy (latched) and the file of save_map. SetHeader and PublishNothing may be
-/// called in any thread, PublishOccupancyIfDue, which may take minutes, belongs to one of its own, the rest to another
-/// one.
+/// Advertises a latched topic of what is made of the whole map.
+template <class Message>
+ros::Publisher AdvertiseLatched(ros::NodeHandle* nh, const char* name, PublishPace* pace) {
+  const ros::SubscriberStatusCallback on_connect = [pace](const ros::SingleSubscriberPublisher&) { pace->Request(); };
+  return nh->advertise<Message>(name, 1, on_connect, ros::SubscriberStatusCallback(), ros::VoidConstPtr(), true);
+}
+
+/// The topic map_points (latched) and the file of save_map. SetHeader and PublishNothing may be called in any thread,
+/// the rest belongs to one.
 class MapOutput {
  public:
   /// @param map outlives this
@@ -83,12 +89,16 @@ class MapOutput {
   /// own with the world's axes, LocalFrame, which tf has then. Returns the number of points.
   /// Throws InvalidInputError for a map of more than 1 GB: roscpp's subscribers hang up on such messages.
   size_t Publish();
-  /// When the map has been emptied: an empty cloud and grid in place of what is latched, and no header. Any thread;
+  /// When the map has been emptied: an empty cloud in place of what is latched, and no header. Any thread;
   /// what another one is about to publish of the map that was is not published any more.
   void PublishNothing();
-  /// Publish when PublishPace says so, at options.map_publish_rate.
+  /// Publishes when PublishPace says so, at options.map_publish_rate.
   void PublishIfDue();
-  void PublishOccupancyIfDue();
+
+  /// By memory_limit; ends with Stop.
+  OccupancyLimits LimitsOfOccupancy() const;
+  /// How much coarser than it should be an occupancy map is; empty where it is not.
+  std::string DescribeCoarse(const OccupancyMap& occupancy, double voxel_size) const;
 
   /// Writes the map to a file below save_folder. Throws InvalidInputError, ProcessingError (see MapPathBelow, WriteMap,
   /// MakeMapMesh, OccupancyMap).
@@ -97,13 +107,6 @@ class MapOutput {
  private:
   using SaveMap = acmp_mapping::SaveMap;
 
-  void PublishOccupancy();
-  /// Unless PublishNothing was called since emptied_ was as given.
-  template <class Message>
-  void PublishOf(uint64_t emptied, const ros::Publisher& publisher, const Message& message);
-  void PublishPaced(const ros::Publisher& publisher, PublishPace* pace, const std::function<void()>& publish);
-  /// Says how much coarser than it should be it is, if so.
-  std::unique_ptr<OccupancyMap> MakeOccupancy(const PlacedKeyframes& map, std::string* coarse) const;
   /// What Save has written.
   struct Written {
     size_t points = 0, keyframes = 0;
@@ -125,8 +128,8 @@ class MapOutput {
   std::unique_ptr<tf2_ros::StaticTransformBroadcaster> local_frame_;  ///< none before it is needed
   std::mutex publish_mutex_;                                          ///< held while a message is handed to roscpp
   std::atomic<uint64_t> emptied_{0};                                  ///< how often; changes with publish_mutex_ held
-  PublishPace points_pace_, occupancy_pace_;
-  ros::Publisher points_, occupancy_;
+  PublishPace points_pace_;
+  ros::Publisher points_;
 };
 
 }  // namespace acmp

@@ -52,7 +52,8 @@ class NodeletBase : public nodelet::Nodelet {
   }
   /// Counts it, and warns when it is time to.
   void Report(RejectedInput rejected);
-  /// To be called by the destructor: afterwards no callback runs, and nobody waits for one.
+  /// To be called by the destructor: afterwards no callback runs, nobody waits for one, and services are gone: some may be
+  /// attached to threads of the derived class.
   void StopThreads();
 
   IncidentLog incidents_;

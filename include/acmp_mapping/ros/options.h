@@ -155,6 +155,8 @@ class SharedOptions {
   RuntimeOptions options_;
 };
 
+constexpr size_t kMeshTriangles = 50000;  ///< of a message, 120 bytes each
+
 /// What the map server reads once when it is loaded. What poses mean comes with the keyframes.
 struct MapServerOptions {
   MapStoreOptions map;
@@ -162,8 +164,8 @@ struct MapServerOptions {
   double occupancy_min_height = 0.1;  ///< of the topic occupancy: z in the world
   double occupancy_max_height = 1;
   bool z_up = false;                        ///< z of the world is known to point up, whatever ZPointsUp says
+  bool distance_to_unknown = false;         ///< unknown space is an obstacle to distances
   double mesh_rate = 10;                    ///< Hz
-  int mesh_max_triangles = 50000;           ///< of a message
   double mesh_time = 0.1;                   ///< s, of an update
   double mesh_memory_gb = 0.25;             ///< of its voxels
   double memory_limit_gb = kMemoryLimitGb;  ///< of a message or a file while it is worked on
@@ -172,7 +174,7 @@ struct MapServerOptions {
 
   size_t memory_limit_bytes() const { return static_cast<size_t>(memory_limit_gb * 1e9); }
   LiveMeshOptions mesh() const {
-    return {static_cast<size_t>(mesh_memory_gb * 1e9), static_cast<size_t>(mesh_max_triangles), mesh_time};
+    return {static_cast<size_t>(mesh_memory_gb * 1e9), kMeshTriangles, mesh_time};
   }
 };
 OptionList OptionsOf(MapServerOptions* options);
