@@ -39,7 +39,11 @@ std::vector<VolumeBlock> WithNeighbours(const std::vector<VolumeBlock>& blocks) 
 MeshUpdate LiveMesh::Update(bool make_again) {
   const auto end =
       Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(options_.max_seconds));
-  if (version_ != map_->version()) Read();
+  if (const uint64_t version = map_->version(); version_ != version) {
+    version_.reset();  // what Read throws has it read again
+    Read();
+    version_ = version;
+  }
   MeshUpdate update;
   try {
     while (AddKeyframe() && Clock::now() < end) continue;
@@ -63,7 +67,6 @@ MeshUpdate LiveMesh::Update(bool make_again) {
 }
 
 void LiveMesh::Read() {
-  version_ = map_->version();
   const PlacedKeyframes map = map_->Placed();
   if (map.voxel_size != map_voxel_size_ || map.keyframes.empty()) {
     keyframes_.clear();
@@ -97,7 +100,10 @@ void LiveMesh::Read() {
   if (voxel_size == voxel_size_ && map.origin == origin_) return;
   origin_ = map.origin;
   Restart(voxel_size);
-  for (const PlacedKeyframe& placed : map.keyframes) keyframes_[placed.key].placed = placed;
+  for (const PlacedKeyframe& placed : map.keyframes) {
+    PlacedKeyframe& kept = keyframes_[placed.key].placed = placed;
+    kept.image.reset();  // the map may let it go
+  }
 }
 
 void LiveMesh::ReadKeyframe(const PlacedKeyframe& placed, double map_voxel_size) {
