@@ -154,66 +154,19 @@ distortion_model: plumb_bob
 distortion_coefficients: {rows: 1, cols: 5, data: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05, 0.0]}
 """
 
-OST = "# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n752\n\nheight\n480\n\n[narrow_stereo]\n\ncamera matrix\n" + """\
-458.654 0.0 367.215
-0.0 457.296 248.375
-0.0 0.0 1.0
-
-distortion
--0.28340811 0.07395907 0.00019359 1.76187114e-05 0.0
-
-rectification
-1.0 0.0 0.0
-0.0 1.0 0.0
-0.0 0.0 1.0
-
-projection
-458.654 0.0 367.215 0.0
-0.0 457.296 248.375 0.0
-0.0 0.0 1.0 0.0
-
-"""
-MESSAGE = """header:
-  seq: 0
-  stamp:
-    secs: 16
-    nsecs:         0
-  frame_id: "camera"
-height: 480
-width: 752
-distortion_model: "plumb_bob"
-D: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05, 0.0]
-K: [458.654, 0.0, 367.215, 0.0, 457.296, 248.375, 0.0, 0.0, 1.0]
-R: [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-P: [450.0, 0.0, 360.0, -50.0, 0.0, 450.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-binning_x: 0
-binning_y: 0
-roi:
-  x_offset: 0
-  y_offset: 0
-  height: 0
-  width: 0
-  do_rectify: False
-"""
-ZED = "[LEFT_CAM_2K]\nfx=1400\nfy=1400\ncx=1104\ncy=600\n\n[RIGHT_CAM_2K]\nfx=1400\n" + """
-[LEFT_CAM_HD]
-fx=700
-fy = 701
-cx=640
-cy=350
-k1=-0.17
-k2=0.03
-p1=1e-4
-p2=2e-4
-k3=3e-11
-[RIGHT_CAM_HD]
-fx=710
-fy=701
-cx=640
-cy=350
-[STEREO]
-Baseline=119.978
-"""
+OST = "# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n752\n\nheight\n480\n\n[narrow_stereo]\n\n" + "".join(
+    title + "\n" + "\n".join(rows) + "\n\n" for title, *rows in (
+        ("camera matrix", "458.654 0.0 367.215", "0.0 457.296 248.375", "0.0 0.0 1.0"),
+        ("distortion", "-0.28340811 0.07395907 0.00019359 1.76187114e-05 0.0"),
+        ("rectification", "1.0 0.0 0.0", "0.0 1.0 0.0", "0.0 0.0 1.0"),
+        ("projection", "458.654 0.0 367.215 0.0", "0.0 457.296 248.375 0.0", "0.0 0.0 1.0 0.0")))
+# As rostopic echo prints it.
+MESSAGE = "header:\n" + lines("  ", seq=0) + "  stamp:\n    secs: 16\n    nsecs:         0\n" + lines("  ", frame_id='"camera"') + lines(
+    "", height=480, width=752, distortion_model='"plumb_bob"', D=RADTAN + [0.0], K=[K[0], 0.0, K[2], 0.0, K[1], K[3], 0.0, 0.0, 1.0],
+    R=[0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0], P=[450.0, 0.0, 360.0, -50.0, 0.0, 450.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+    binning_x=0, binning_y=0) + "roi:\n" + lines("  ", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+ZED = "[LEFT_CAM_2K]\nfx=1400\nfy=1400\ncx=1104\ncy=600\n\n[RIGHT_CAM_2K]\nfx=1400\n\n[LEFT_CAM_HD]\nfx=700\nfy = 701\ncx=640\n" \
+    "cy=350\nk1=-0.17\nk2=0.03\np1=1e-4\np2=2e-4\nk3=3e-11\n[RIGHT_CAM_HD]\nfx=710\nfy=701\ncx=640\ncy=350\n[STEREO]\nBaseline=119.978\n"
 
 
 def basalt(kind, **parameters):
