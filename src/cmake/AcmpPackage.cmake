@@ -12,8 +12,8 @@ endif()
 
 # What runs beside the libraries, which dpkg-shlibdeps finds: one list for the package and the README's commands.
 file(STRINGS scripts/debian_packages.txt lines)
-set(CMAKE_CONFIGURE_DEPENDS scripts/debian_packages.txt)
-set(depends python3-minimal python3-numpy)
+set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS scripts/debian_packages.txt)
+set(depends python3 python3-numpy)
 set(is_wanted FALSE)
 foreach(line IN LISTS lines)
   if(line MATCHES "^# ROS: run and look")
@@ -53,7 +53,9 @@ endif()
 install(FILES ${PROJECT_BINARY_DIR}/package/changelog.gz DESTINATION share/doc/${name})
 file(WRITE ${PROJECT_BINARY_DIR}/package/postinst "#!/bin/sh\nset -e\nif [ \"$1\" = configure ]; then py3compile -p ${name}; fi\n")
 file(WRITE ${PROJECT_BINARY_DIR}/package/prerm "#!/bin/sh\nset -e\npy3clean -p ${name}\n")
-set(CPACK_DEBIAN_PACKAGE_CONTROL_EXTRA ${PROJECT_BINARY_DIR}/package/postinst ${PROJECT_BINARY_DIR}/package/prerm)
+file(WRITE ${PROJECT_BINARY_DIR}/package/triggers "activate-noawait ldconfig\n")
+set(CPACK_DEBIAN_PACKAGE_CONTROL_EXTRA ${PROJECT_BINARY_DIR}/package/postinst ${PROJECT_BINARY_DIR}/package/prerm
+                                       ${PROJECT_BINARY_DIR}/package/triggers)
 set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 
 set(CPACK_GENERATOR DEB)
