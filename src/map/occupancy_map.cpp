@@ -144,7 +144,8 @@ bool OccupancyMap::Insert(const std::vector<PlacedKeyframe>& keyframes) {
   const VoxelBox box = KnownBox();
   if (box.empty()) return true;
   const auto size = [&](size_t i) { return static_cast<double>(box.high[i]) - box.low[i] + 1; };
-  return size(0) * size(1) <= static_cast<double>(limits_.max_bytes / kCellBytes);
+  const size_t max_cells = limits_.max_bytes / kCellBytes;
+  return size(0) * size(1) <= static_cast<double>(max_cells);
 }
 
 void OccupancyMap::Remove(const PlacedKeyframe& keyframe) {
