@@ -52,8 +52,8 @@ class NodeletBase : public nodelet::Nodelet {
   }
   /// Counts it, and warns when it is time to.
   void Report(RejectedInput rejected);
-  /// To be called by the destructor: afterwards no callback runs, nobody waits for one, and services are gone: some may be
-  /// attached to threads of the derived class.
+  /// To be called by the destructor: afterwards no callback runs, nobody waits for one, and services are gone: some may
+  /// be attached to threads of the derived class.
   void StopThreads();
 
   IncidentLog incidents_;

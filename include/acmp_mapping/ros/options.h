@@ -173,9 +173,7 @@ struct MapServerOptions {
   std::string load_session;                 ///< loaded at start; empty: none
 
   size_t memory_limit_bytes() const { return static_cast<size_t>(memory_limit_gb * 1e9); }
-  LiveMeshOptions mesh() const {
-    return {static_cast<size_t>(mesh_memory_gb * 1e9), kMeshTriangles, mesh_time};
-  }
+  LiveMeshOptions mesh() const { return {static_cast<size_t>(mesh_memory_gb * 1e9), kMeshTriangles, mesh_time}; }
 };
 OptionList OptionsOf(MapServerOptions* options);
 
