@@ -32,7 +32,7 @@ constexpr size_t kCellBytes = 16;   ///< of a slice, with the message that it be
 constexpr size_t kCountLeafBytes =  ///< of 8 x 8 x 8 voxels
     sizeof(CountTree::LeafNodeType) + CountTree::LeafNodeType::SIZE * sizeof(int64_t) + 32;
 constexpr size_t kRayLeafBytes = sizeof(RayTree::LeafNodeType) + 16;
-constexpr int kLeafSize = CountTree::LeafNodeType::DIM;
+constexpr int kCountLeafSize = CountTree::LeafNodeType::DIM;
 
 /// By the sensor model; the logarithms of the odds 7 / 3 and 2 / 3.
 Occupancy OccupancyOf(int64_t count) {
@@ -200,7 +200,7 @@ OccupancySlice OccupancyMap::Slice(double min_height, double max_height) const {
   slice.cells.assign(static_cast<size_t>(slice.width) * static_cast<size_t>(slice.height), Occupancy::kUnknown);
   std::vector<uint16_t> free(slice.cells.size(), 0);  // of each column
   for (auto leaf = voxels_->counts.cbeginLeaf(); leaf; ++leaf) {
-    if (leaf->origin().z() > top || leaf->origin().z() + kLeafSize <= bottom) continue;
+    if (leaf->origin().z() > top || leaf->origin().z() + kCountLeafSize <= bottom) continue;
     for (auto voxel = leaf->cbeginValueOn(); voxel; ++voxel) {
       const Coord at = voxel.getCoord();
       if (at.z() < bottom || at.z() > top) continue;
