@@ -427,7 +427,7 @@ BagReport CheckOpened(const Bags& bags, const BagCheckOptions& asked) {
   ReportReading(player->intake().pose_semantics(), player->verdict(), &findings);
   const std::string passed_over =
       snapshot.not_chosen > 0 ? Concat(" and passes over ", snapshot.not_chosen, " (~keyframe_mode: gate)") : "";
-  findings.Add(player->mapped() > 0 ? Severity::kOk : Severity::kError, "the mapper takes ", snapshot.matched, " of ",
+  findings.Add(player->mapped() > 0 ? Severity::kOk : Severity::kError, "the mapper takes ", player->taken(), " of ",
                ImagesReceived(snapshot.inputs), " images", passed_over, DescribeDrops(snapshot), "; of the first ",
                player->tried(), " keyframes ", player->mapped(), " get maps (tried at ", asked.trial_size, " px)");
   report.findings = std::move(findings);

@@ -158,6 +158,7 @@ void BagPlayer::Dispatch(IntakeEvent event) {
 void BagPlayer::TakeKeyframe(const KeyframeInput& input) {
   ++matched_;
   const Capture capture = preparation_.Prepare(input, {});
+  ++taken_;
   readings_.Add(*capture.keyframes.front());
   if (tried_ < kTried) {
     ++tried_;

@@ -45,6 +45,7 @@ class BagPlayer {
   /// Of the images, for the poses as configured.
   const ReadingVerdict& verdict() const { return verdict_; }
   const KeyframeIntake& intake() const { return intake_; }
+  uint64_t taken() const { return taken_; }  ///< images that were matched and could be read
   uint64_t tried() const { return tried_; }
   uint64_t mapped() const { return mapped_; }  ///< of these
 
@@ -72,7 +73,7 @@ class BagPlayer {
   ReadingVerdict verdict_;
   DepthEngineBackend backend_ = MakeDepthEngine(Device::kCpu, 0);
   DenseMapper mapper_;
-  uint64_t matched_ = 0, not_chosen_ = 0, tried_ = 0, mapped_ = 0, next_reading_ = 10;
+  uint64_t matched_ = 0, taken_ = 0, not_chosen_ = 0, tried_ = 0, mapped_ = 0, next_reading_ = 10;
   std::string rig_;
   std::vector<Finding> told_;
 };

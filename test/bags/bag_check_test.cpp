@@ -144,7 +144,7 @@ TEST_F(CheckBagTest, WhatIsWrongIsNamed) {
          k.info.distortion_model = "fov";
          k.info.D[0] = 0.1;
        }},
-      {Severity::kError, "0 get maps", [](int, Keyframe& k) { k.image.encoding = "32FC2"; }},
+      {Severity::kError, "takes 0 of 6 images", [](int, Keyframe& k) { k.image.encoding = "32FC2"; }},
       {Severity::kWarning, "bad_image, 1 times", [](int i, Keyframe& k) { k.image.data.resize(i == 2 ? 100 : 2304); }},
       {Severity::kWarning, "bad_pose, 2 times",
        [](int i, Keyframe& k) {
