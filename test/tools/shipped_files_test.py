@@ -418,10 +418,12 @@ class Viewers(unittest.TestCase):
 
     def test_rvizs_clouds_have_the_channels_that_colour_them(self):
         clouds = [display for display in self.rviz["Displays"] if display["Class"] == "rviz/PointCloud2"]
-        fields = re.findall(r'"(\w+)", 1, kFloat', read("src/ros/output_conversion.cpp"))
-        channels = {display.get("Channel Name") for display in clouds if display["Color Transformer"] == "Intensity"}
-        self.assertEqual(channels, {"confidence"})
-        self.assertLessEqual(channels, set(fields))
+        of_file = {"/acmp/map_points": "output_conversion", "/acmp/distance_slice": "occupancy_output"}
+        channels = {display["Topic"]: display.get("Channel Name") for display in clouds
+                    if display["Color Transformer"] == "Intensity"}
+        self.assertEqual(channels, {"/acmp/map_points": "confidence", "/acmp/distance_slice": "distance"})
+        for topic, channel in channels.items():
+            self.assertIn(channel, re.findall(r'"(\w+)", 1, kFloat', read(f"src/ros/{of_file[topic]}.cpp")))
 
     def test_every_panel_of_foxglove_has_a_place(self):
         def places(part):
