@@ -173,8 +173,7 @@ TEST_P(FusionTest, WorksWithoutSources) {
     if (with_empty_source) views.emplace_back();
     const ConsistencyResult result = Filter(views);
     EXPECT_TRUE(result.points_in_camera.empty());
-    EXPECT_FLOAT_EQ(result.confidence(1, 1),
-                    static_cast<float>(1 / (1 + std::exp(7 + 1.74 * std::log(0.01) + 1.59 * 0.5))));
+    EXPECT_FLOAT_EQ(result.confidence(1, 1), static_cast<float>(1 / (1 + std::exp(7 + 1.74 * std::log(0.01)))));
     EXPECT_EQ(result.confidence(2, 2), 0);
     FusionOptions all;
     all.min_confidence = 0;

@@ -140,7 +140,7 @@ inline double Unevenness(const FusionView& view, int col, int row) {
 }
 
 /// See LogOddsOf; an unsupported pixel has a quarter of the odds. Sources without a depth of their own where the point
-/// falls are silent; of a pixel that none sees half are. The others' depths are those of their planes at the exact
+/// falls are silent. The others' depths are those of their planes at the exact
 /// place, whatever fusion takes.
 inline double LogOdds(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row) {
   const Eigen::Vector3d point = PointInWorld(view, col, row);
@@ -158,7 +158,7 @@ inline double LogOdds(const FusionView& view, const std::vector<const FusionView
                               std::min(1.0, std::sin(angle / 2) / std::sin(5 * M_PI / 180)));
   }
   return -7 - 1.74 * std::log(Unevenness(view, col, row) + 0.01) + 2.22 * best -
-         1.59 * (views > 0 ? silent / views : 0.5) - (view.cost(col, row) > kWorstCost ? 1.4 : 0);
+         (views > 0 ? 1.59 * silent / views : 0) - (view.cost(col, row) > kWorstCost ? 1.4 : 0);
 }
 
 /// From the mean of the log odds of the pixel and those of the 24 around that lie within 10 % of its depth, colours

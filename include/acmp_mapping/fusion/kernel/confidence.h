@@ -109,9 +109,8 @@ ACMP_HOST_DEVICE inline ViewEvidence GatherEvidence(const FusionContext& context
 /// be known: matching cost, texture, the number of agreeing views and of those that see through add nothing to them.
 /// @param unevenness how far the surface around deviates from the pixel's plane (SurfaceUnevenness)
 ACMP_HOST_DEVICE inline float LogOddsOf(const ViewEvidence& evidence, float unevenness) {
-  constexpr float kUnseenShare = 0.5f;  // of a pixel that no view sees: -0.7 to -1.3 was fitted
   const float silent_share =
-      evidence.views > 0 ? static_cast<float>(evidence.silent) / static_cast<float>(evidence.views) : kUnseenShare;
+      evidence.views > 0 ? static_cast<float>(evidence.silent) / static_cast<float>(evidence.views) : 0;
   return -7.0f - 1.74f * logf(unevenness + 0.01f) + 2.22f * evidence.best_agreement - 1.59f * silent_share;
 }
 
