@@ -84,8 +84,8 @@ std::vector<Coord> LeavesInBand(const SurfaceView& view, const DistanceVolumeOpt
         const double along = 1 + reach * (2.0 * sample / (kSamples - 1) - 1);
         const Eigen::Vector3d index = (world_from_cam * (along * point)) / voxel;
         if (!(index.cwiseAbs().maxCoeff() < kMaxIndex)) {
-          throw InvalidInputError(Concat("a surface lies more than 2^30 voxels of ", voxel,
-                                         " from the origin: the voxel size must be larger"));
+          throw VoxelsTooSmallError(Concat("a surface lies more than 2^30 voxels of ", voxel,
+                                           " from the origin: the voxel size must be larger"));
         }
         const Coord voxel_at = Coord::round(openvdb::Vec3d(index.x(), index.y(), index.z()));
         const Coord leaf = voxel_at & ~(kLeafSize - 1);
@@ -285,14 +285,9 @@ std::vector<VolumeBlock> DistanceVolume::Integrate(const SurfaceView& view,
   std::copy_if(all.begin(), all.end(), std::back_inserter(origins), [&](const Coord& leaf) {
     return !only || std::binary_search(only->begin(), only->end(), BlockOf(leaf));
   });
-  const auto added = static_cast<size_t>(std::count_if(
-      origins.begin(), origins.end(), [&](const Coord& origin) { return !grids_->weight.probeConstLeaf(origin); }));
-  const size_t needed = bytes() + added * kLeafVoxels * kVoxelBytes;
-  if (needed > options_.max_bytes) {
-    throw InvalidInputError(Concat("the mesh's voxels of ", options_.voxel_size, " take ", Megabytes(needed),
-                                   ", more than the ", Megabytes(options_.max_bytes),
-                                   " that they may: the voxel size must be larger"));
-  }
+  const auto added = std::count_if(origins.begin(), origins.end(),
+                                   [&](const Coord& origin) { return !grids_->weight.probeConstLeaf(origin); });
+  CheckMemory(grids_->weight.leafCount() + static_cast<size_t>(added));
   std::vector<LeafVoxels> leaves;
   leaves.reserve(origins.size());
   for (const Coord& origin : origins) {
@@ -306,7 +301,23 @@ std::vector<VolumeBlock> DistanceVolume::Integrate(const SurfaceView& view,
   return BlocksAround(all, grids_->weight);
 }
 
+void DistanceVolume::CheckMemory(size_t leaves) const {
+  const size_t needed = leaves * kLeafVoxels * kVoxelBytes;
+  if (needed <= options_.max_bytes) return;
+  throw VoxelsTooSmallError(Concat("the mesh's voxels of ", options_.voxel_size, " take ", Megabytes(needed),
+                                   ", more than the ", Megabytes(options_.max_bytes),
+                                   " that they may: the voxel size must be larger"));
+}
+
 void DistanceVolume::Replace(const std::vector<VolumeBlock>& blocks, DistanceVolume* from) {
+  size_t leaves = grids_->weight.leafCount();
+  for (const VolumeBlock& block : blocks) {
+    ForEachLeaf(block, 0, [&](const Coord& origin) {
+      leaves += from->grids_->weight.probeConstLeaf(origin) ? 1 : 0;
+      leaves -= grids_->weight.probeConstLeaf(origin) ? 1 : 0;
+    });
+  }
+  CheckMemory(leaves);
   for (const VolumeBlock& block : blocks) {
     ForEachLeaf(block, 0, [&](const Coord& origin) {
       ReplaceLeaf(origin, &from->grids_->distance, &grids_->distance);

@@ -201,8 +201,13 @@ TEST_F(DistanceVolumeTest, MoreMemoryThanAllowedIsRefusedAndChangesNothing) {
   EXPECT_REFUSED(volume.Integrate(other_side.View()), "voxels of 0.02", "take 2 MB, more than the 1 MB",
                  "voxel size must be larger");
   EXPECT_EQ(volume.voxels(), before);
+  DistanceVolume beside({kVoxel, kEnough, 0});
+  const std::vector<VolumeBlock> seen = beside.Integrate(other_side.View());
+  EXPECT_THROW(volume.Replace(seen, &beside), VoxelsTooSmallError) << "as much as with Integrate";
+  EXPECT_EQ(volume.voxels(), before);
+  EXPECT_GT(beside.voxels(), 0u);
   DistanceVolume tiny({1e-10, kEnough, 0});
-  EXPECT_REFUSED(tiny.Integrate(view.View()), "more than 2^30 voxels of 1e-10");
+  EXPECT_THROW(tiny.Integrate(view.View()), VoxelsTooSmallError);
 }
 
 TEST(VoxelSize, IsSoManyPixelsAtTheMedianDepth) {

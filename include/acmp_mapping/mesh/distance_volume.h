@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/geometry/posed_camera.h"
 #include "acmp_mapping/image/image.h"
@@ -43,6 +44,12 @@ constexpr int kBlockVoxels = 32;
 /// Bytes of a block all of whose voxels take memory.
 constexpr size_t kFullBlockBytes = kVoxelBytes * kBlockVoxels * kBlockVoxels * kBlockVoxels;
 
+/// Voxels take more memory than they may, or more than 2^30 of them lie between a surface and the origin.
+class VoxelsTooSmallError : public InvalidInputError {
+ public:
+  using InvalidInputError::InvalidInputError;
+};
+
 /// The signed distance to the surfaces that images see, positive in front of them, in a narrow band around them
 /// (Curless and Levoy 1996). In the world's frame. Of each voxel that falls on a pixel, the distance to the pixel's
 /// plane is averaged with those of other images, weighted by confidence, by the cosine between ray and normal, and,
@@ -58,16 +65,17 @@ class DistanceVolume {
   DistanceVolume(const DistanceVolume&) = delete;
   DistanceVolume& operator=(const DistanceVolume&) = delete;
 
-  /// Throws InvalidInputError for maps that do not fit the camera, a pose that is not rigid, and when the view's
-  /// surfaces would take more than max_bytes, or lie farther than 2^30 voxels from the origin: then it is as if the
-  /// view had not been given.
+  /// Throws InvalidInputError for maps that do not fit the camera and a pose that is not rigid, VoxelsTooSmallError
+  /// when the view's surfaces would take more than max_bytes, or lie farther than 2^30 voxels from the origin: then it
+  /// is as if the view had not been given.
   /// @param only if given: sorted blocks, all others stay as they are
   /// @return sorted: the blocks that the view's surfaces lie in, also others than `only`, and those beside them whose
   /// surface changes with theirs
   std::vector<VolumeBlock> Integrate(const SurfaceView& view,
                                      const std::optional<std::vector<VolumeBlock>>& only = std::nullopt);
 
-  /// Takes these blocks from another volume of the same options, which loses them, in place of its own.
+  /// Takes these blocks from another volume of the same voxel size, which loses them, in place of its own. Throws
+  /// VoxelsTooSmallError, and changes nothing, when all would take more than max_bytes.
   void Replace(const std::vector<VolumeBlock>& blocks, DistanceVolume* from);
 
   /// The surface where the distance is 0, within cells whose corners all were seen: without a back, and open where
@@ -84,6 +92,9 @@ class DistanceVolume {
 
  private:
   struct Grids;
+  /// Throws VoxelsTooSmallError when more leaves than now would take more than max_bytes.
+  void CheckMemory(size_t leaves) const;
+
   const DistanceVolumeOptions options_;
   std::unique_ptr<Grids> grids_;
 };
