@@ -31,8 +31,14 @@ set(CPACK_DEBIAN_PACKAGE_SUGGESTS "colmap, python3-distributed")
 
 # Tools on PATH; rosrun looks in lib/acmp_mapping. The links are made where they lead somewhere: roslib fails at others that
 # it finds in a build folder.
+set(programs acmp_cluster.py)
+foreach(program acmp_reconstruct acmp_evaluate acmp_make_bag acmp_check_bag acmp_make_scene acmp_benchmark)
+  if(TARGET ${program})
+    list(APPEND programs ${program})
+  endif()
+endforeach()
 install(CODE "file(MAKE_DIRECTORY \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/bin\")
-foreach(program acmp_reconstruct acmp_evaluate acmp_make_bag acmp_check_bag acmp_make_scene acmp_benchmark acmp_cluster.py)
+foreach(program ${programs})
   file(CREATE_LINK ../lib/${PROJECT_NAME}/\${program} \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/bin/\${program}\" SYMBOLIC)
 endforeach()")
 
