@@ -11,12 +11,6 @@
 namespace acmp {
 namespace {
 
-double MeanDepth(const PointCloud& points) {
-  double sum = 0;
-  for (const SurfacePoint& point : points) sum += point.position.z;
-  return points.empty() ? 0 : sum / static_cast<double>(points.size());
-}
-
 bool Intersect(const std::vector<VolumeBlock>& a, const std::vector<VolumeBlock>& b) {
   for (auto i = a.begin(), k = b.begin(); i != a.end() && k != b.end();) {
     if (*i == *k) return true;
@@ -41,14 +35,13 @@ MeshUpdate LiveMesh::Update(bool make_again) {
       Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(options_.max_seconds));
   if (const uint64_t version = map_->version(); version_ != version) {
     version_.reset();  // what Read throws has it read again
-    Read();
-    version_ = version;
+    if (Read(end)) version_ = version;
   }
   MeshUpdate update;
   try {
     while (AddKeyframe() && Clock::now() < end) continue;
     while (make_again && MakeAgain() && Clock::now() < end) continue;
-  } catch (const InvalidInputError&) {  // more than max_bytes, as all else has been checked before it got into the map
+  } catch (const VoxelsTooSmallError&) {
     constexpr double kCoarsest = 1 << 20;
     if (coarser_ >= kCoarsest) throw;
     coarser_ *= 2;
@@ -66,7 +59,7 @@ MeshUpdate LiveMesh::Update(bool make_again) {
   return update;
 }
 
-void LiveMesh::Read() {
+bool LiveMesh::Read(Clock::time_point end) {
   const PlacedKeyframes map = map_->Placed();
   if (map.voxel_size != map_voxel_size_ || map.keyframes.empty()) {
     keyframes_.clear();
@@ -74,63 +67,52 @@ void LiveMesh::Read() {
     coarser_ = 1;
   }
   map_voxel_size_ = map.voxel_size;
-  if (map.keyframes.empty() || map.voxel_size == 0) return;
+  if (map.keyframes.empty() || map.voxel_size == 0) return true;
 
-  std::set<KeyframeKey> present;
-  for (const PlacedKeyframe& placed : map.keyframes) present.insert(placed.key);
-  for (auto known = keyframes_.begin(); known != keyframes_.end();) {
-    if (present.count(known->first) > 0) {
-      ++known;
+  EraseGone(map.keyframes, &keyframes_, [this](const Keyframe& gone) { Mark(&Block::stale, gone.blocks); });
+  bool is_all = true, any = false;
+  for (auto placed = map.keyframes.rbegin(); placed != map.keyframes.rend();
+       ++placed) {  // of a mapper the newest first
+    const auto known = keyframes_.find(placed->key);
+    const bool is_unpacked =
+        known != keyframes_.end() && known->second.placed.points_in_camera == placed->points_in_camera;
+    if (!is_unpacked && any && Clock::now() >= end) {
+      is_all = false;
       continue;
     }
-    Mark(&Block::stale, known->second.blocks);
-    known = keyframes_.erase(known);
+    any = any || !is_unpacked;
+    ReadKeyframe(*placed, &keyframes_[placed->key]);
   }
-  for (const PlacedKeyframe& placed : map.keyframes) ReadKeyframe(placed, map.voxel_size);
 
   std::vector<double> spacings;
-  int64_t newest_ns = map.keyframes.front().stamp_ns;
-  for (const PlacedKeyframe& placed : map.keyframes) {
-    spacings.push_back(placed.scale * keyframes_[placed.key].spacing);
-    if (placed.stamp_ns < newest_ns) continue;
-    newest_ns = placed.stamp_ns;
-    camera_ = placed.world_from_cam.translation();
+  const PlacedKeyframe* newest = nullptr;
+  for (const auto& [key, keyframe] : keyframes_) {
+    spacings.push_back(keyframe.placed.scale * keyframe.spacing);
+    if (!newest || keyframe.placed.stamp_ns >= newest->stamp_ns) newest = &keyframe.placed;
   }
-  const double voxel_size = coarser_ * MeshVoxelSize(std::move(spacings), map.voxel_size);
-  if (voxel_size == voxel_size_ && map.origin == origin_) return;
+  camera_ = newest->world_from_cam.translation();
+  const double voxel_size = coarser_ * MeshVoxelSize(std::move(spacings), map.voxel_size, voxel_size_ / coarser_);
+  if (voxel_size == voxel_size_ && map.origin == origin_) return is_all;
   origin_ = map.origin;
   Restart(voxel_size);
   for (const PlacedKeyframe& placed : map.keyframes) {
-    PlacedKeyframe& kept = keyframes_[placed.key].placed = placed;
-    kept.image.reset();  // the map may let it go
+    const auto known = keyframes_.find(placed.key);
+    if (known == keyframes_.end() || known->second.placed.points_in_camera != placed.points_in_camera) continue;
+    known->second.placed = placed;
+    known->second.placed.image.reset();  // the map may let it go
   }
+  return is_all;
 }
 
-void LiveMesh::ReadKeyframe(const PlacedKeyframe& placed, double map_voxel_size) {
-  Keyframe& keyframe = keyframes_[placed.key];
-  const bool other_points = placed.points_in_camera != keyframe.placed.points_in_camera;
-  if (other_points) {
-    const PointCloud points = placed.points_in_camera->Unpack();
-    keyframe.spacing = PointSpacing(points, map_voxel_size);
-    keyframe.depth = MeanDepth(points);
-  }
-  if (keyframe.is_in && !other_points && !HasMoved(keyframe, placed)) return;
-  keyframe.placed = placed;
-  keyframe.placed.image.reset();
-  Mark(&Block::stale, keyframe.blocks);
-  keyframe.has_changed = keyframe.is_in;
-  if (keyframe.blocks.empty()) keyframe.is_in = false;  // nowhere would it be made again
-}
-
-bool LiveMesh::HasMoved(const Keyframe& keyframe, const PlacedKeyframe& placed) const {
-  const PlacedKeyframe& before = keyframe.placed;
-  constexpr double kAside = 0.6;  // of the depth
-  for (const auto& [x, y] : {std::pair{0.0, 0.0}, {kAside, 0.0}, {-kAside, 0.0}, {0.0, kAside}, {0.0, -kAside}}) {
-    const Eigen::Vector3d point = keyframe.depth * Eigen::Vector3d(x, y, 1);
-    const Eigen::Vector3d moved = placed.world_from_cam * (placed.scale * point);
-    if ((moved - before.world_from_cam * (before.scale * point)).norm() > kMovedVoxels * voxel_size_) return true;
-  }
-  return false;
+void LiveMesh::ReadKeyframe(const PlacedKeyframe& placed, Keyframe* keyframe) {
+  const bool other_points = placed.points_in_camera != keyframe->placed.points_in_camera;
+  if (other_points) keyframe->spacing = PointSpacing(placed.points_in_camera->Unpack(), map_voxel_size_);
+  if (!keyframe->waits && !HasMoved(keyframe->placed, placed, kMovedVoxels * voxel_size_)) return;
+  keyframe->placed = placed;
+  keyframe->placed.image.reset();
+  Mark(&Block::stale, keyframe->blocks);
+  keyframe->has_changed = !keyframe->waits;
+  if (keyframe->blocks.empty() && !keyframe->waits) keyframe->waits = Clock::now();  // nowhere would it be made again
 }
 
 DistanceVolumeOptions LiveMesh::VolumeOptions() const {
@@ -146,7 +128,8 @@ void LiveMesh::Restart(double voxel_size) {
   voxel_size_ = voxel_size;
   if (voxel_size > 0) volume_ = std::make_unique<DistanceVolume>(VolumeOptions());
   for (auto& [key, keyframe] : keyframes_) {
-    keyframe.is_in = keyframe.has_changed = false;
+    if (!keyframe.waits) keyframe.waits = Clock::now();
+    keyframe.has_changed = false;
     keyframe.blocks.clear();
   }
 }
@@ -157,12 +140,13 @@ void LiveMesh::Clear() {
   map_voxel_size_ = 0;
   coarser_ = 1;
   version_.reset();
+  begins_anew_ = true;
 }
 
 bool LiveMesh::AddKeyframe() {
   Keyframe* newest = nullptr;
   for (auto& [key, keyframe] : keyframes_) {
-    if (!keyframe.is_in && (!newest || keyframe.placed.stamp_ns >= newest->placed.stamp_ns)) newest = &keyframe;
+    if (keyframe.waits && (!newest || keyframe.placed.stamp_ns >= newest->placed.stamp_ns)) newest = &keyframe;
   }
   if (!newest) return false;
   const SurfaceMaps maps = SurfaceOf(newest->placed, newest->placed.scale * newest->spacing);
@@ -171,7 +155,7 @@ bool LiveMesh::AddKeyframe() {
     if (batch_) batch_->volume->Integrate(maps.View(), batch_->blocks);
     Mark(&Block::changed, newest->blocks);
   }
-  newest->is_in = true;
+  newest->waits.reset();
   newest->has_changed = false;
   return true;
 }
@@ -185,7 +169,7 @@ bool LiveMesh::MakeAgain() {
   }
   const auto keyframe = keyframes_.find(batch_->keyframes.back());
   batch_->keyframes.pop_back();
-  if (keyframe != keyframes_.end() && keyframe->second.is_in) AddToBatch(&keyframe->second);
+  if (keyframe != keyframes_.end() && !keyframe->second.waits) AddToBatch(&keyframe->second);
   return true;
 }
 
@@ -193,14 +177,15 @@ void LiveMesh::StartBatch() {
   std::vector<VolumeBlock> blocks = MostUrgent(&Block::stale, max_batch());
   if (blocks.empty()) return;
   std::sort(blocks.begin(), blocks.end());
-  for (const VolumeBlock& block : blocks) blocks_[block].stale.reset();
+  auto since = Clock::now();
+  for (const VolumeBlock& block : blocks) since = std::min(since, *std::exchange(blocks_[block].stale, {}));
   std::vector<KeyframeKey> keyframes;
   for (auto known = keyframes_.rbegin(); known != keyframes_.rend(); ++known) {
     if (Intersect(known->second.blocks, blocks)) keyframes.push_back(known->first);
   }
   DistanceVolumeOptions options = VolumeOptions();
   options.max_bytes = max_batch() * kFullBlockBytes;
-  batch_ = Batch{std::move(blocks), std::move(keyframes), std::make_unique<DistanceVolume>(options)};
+  batch_ = Batch{std::move(blocks), since, std::move(keyframes), std::make_unique<DistanceVolume>(options)};
 }
 
 void LiveMesh::AddToBatch(Keyframe* keyframe) {
@@ -240,15 +225,17 @@ bool LiveMesh::Tell(size_t max_triangles, MeshUpdate* update) {
   std::vector<TriangleMesh> meshes = volume_->ExtractBlocks(chosen);
   size_t triangles = 0;
   for (size_t i = 0; i < count; ++i) {
-    const auto block = blocks_.find(chosen[i]);
+    const auto place = blocks_.find(chosen[i]);
+    Block& block = place->second;
     triangles += meshes[i].triangles.size();
     if (triangles > max_triangles && !update->blocks.empty()) return false;  // it waits
-    block->second.changed.reset();
-    const bool was_told = block->second.triangles > 0;
-    block->second.triangles = meshes[i].triangles.size();
-    const bool is_empty = meshes[i].triangles.empty();
-    if (!is_empty || was_told) update->blocks.push_back({block->second.number, std::move(meshes[i])});
-    if (is_empty && !block->second.stale) blocks_.erase(block);
+    block.changed.reset();
+    const bool is_repeat = std::exchange(block.repeats, false);
+    const bool is_told = !meshes[i].triangles.empty() || block.triangles > 0 || is_repeat;
+    if (is_told && !is_repeat && !block.once) block.once = Clock::now();
+    block.triangles = meshes[i].triangles.size();
+    if (is_told) update->blocks.push_back({block.number, std::move(meshes[i])});
+    if (block.triangles == 0 && !block.stale && !block.once) blocks_.erase(place);
   }
   return true;
 }
@@ -290,21 +277,35 @@ void LiveMesh::TellAll() {
   }
 }
 
+bool LiveMesh::Repeat(size_t count) {
+  const std::vector<VolumeBlock> repeated = MostUrgent(&Block::once, count);
+  Mark(&Block::changed, repeated);
+  for (const VolumeBlock& place : repeated) {
+    blocks_[place].once.reset();
+    blocks_[place].repeats = true;
+  }
+  return !repeated.empty();
+}
+
 LiveMeshStatistics LiveMesh::statistics() const {
   LiveMeshStatistics statistics;
-  for (const auto& [key, keyframe] : keyframes_)
-    ++(keyframe.is_in ? statistics.keyframes : statistics.keyframes_to_add);
+  const auto now = Clock::now();
+  auto earliest = now;
+  const auto waits = [&](const Since& since) {
+    if (since) earliest = std::min(earliest, *since);
+    return since.has_value();
+  };
+  for (const auto& [key, keyframe] : keyframes_) {
+    ++(waits(keyframe.waits) ? statistics.keyframes_to_add : statistics.keyframes);
+  }
   for (const auto& [place, block] : blocks_) {
     statistics.blocks += block.triangles > 0 ? 1 : 0;
     statistics.triangles += block.triangles;
-    statistics.to_tell += block.changed ? 1 : 0;
-    if (block.changed) {
-      statistics.longest_wait_s =
-          std::max(statistics.longest_wait_s, std::chrono::duration<double>(Clock::now() - *block.changed).count());
-    }
-    statistics.to_make_again += block.stale ? 1 : 0;
+    statistics.to_tell += waits(block.changed) ? 1 : 0;
+    statistics.to_make_again += waits(block.stale) ? 1 : 0;
   }
-  if (batch_) statistics.to_make_again += batch_->blocks.size();
+  if (batch_ && waits(batch_->since)) statistics.to_make_again += batch_->blocks.size();
+  statistics.longest_wait_s = std::chrono::duration<double>(now - earliest).count();
   if (volume_) statistics.bytes = volume_->bytes() + (batch_ ? batch_->volume->bytes() : 0);
   statistics.voxel_size = voxel_size_;
   statistics.coarser = coarser_;

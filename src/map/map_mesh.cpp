@@ -11,12 +11,14 @@
 
 namespace acmp {
 
-double MeshVoxelSize(std::vector<double> spacings, double map_voxel_size) {
+double MeshVoxelSize(std::vector<double> spacings, double map_voxel_size, double current) {
   spacings.erase(std::remove(spacings.begin(), spacings.end(), 0), spacings.end());
   if (spacings.empty()) return map_voxel_size;
-  constexpr double kStepsPerDouble = 2;
-  const double steps = std::round(kStepsPerDouble * std::log2(Median(std::move(spacings)) / map_voxel_size));
-  return map_voxel_size * std::exp2(std::max(0.0, steps) / kStepsPerDouble);
+  constexpr double kStepsPerDouble = 2, kKept = 0.75;  // steps
+  const auto steps_of = [&](double size) { return std::max(0.0, kStepsPerDouble * std::log2(size / map_voxel_size)); };
+  const double steps = steps_of(Median(std::move(spacings)));
+  if (current > 0 && std::abs(steps - steps_of(current)) < kKept) return current;
+  return map_voxel_size * std::exp2(std::round(steps) / kStepsPerDouble);
 }
 
 SurfaceMaps SurfaceOf(const PlacedKeyframe& keyframe, double spacing) {

@@ -87,6 +87,21 @@ PlacedKeyframes MapStore::Placed() const {
   return placed;
 }
 
+bool HasMoved(const PlacedKeyframe& before, const PlacedKeyframe& now, double tolerance) {
+  if (before.points_in_camera != now.points_in_camera) return true;
+  const PackedCloud& points = *now.points_in_camera;
+  const auto moves = [&](const Eigen::Vector3d& p) {
+    return (now.world_from_cam * (now.scale * p) - before.world_from_cam * (before.scale * p)).norm() > tolerance;
+  };
+  if (moves(Eigen::Vector3d::Zero())) return true;
+  constexpr size_t kSome = 16;
+  for (size_t i = 0; i < points.size(); i += 1 + points.size() / kSome) {
+    const Vec3f p = points[i].position;
+    if (moves({p.x, p.y, p.z})) return true;
+  }
+  return false;
+}
+
 MapCloud MapStore::WorldCloud() const { return CloudOf(Placed()); }
 
 MapCloud CloudOf(const PlacedKeyframes& map) {

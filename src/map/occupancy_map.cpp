@@ -8,7 +8,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 #include <sstream>
 #include <utility>
 
@@ -261,26 +260,6 @@ bool ZPointsUp(const std::vector<PlacedKeyframe>& keyframes) {
   return squared_x < kTilt * kTilt * captures && (-sum.y() > kTilt * captures || looks_down);
 }
 
-namespace {
-
-/// Whether it has other points, or some of them lie elsewhere.
-bool HasMoved(const PlacedKeyframe& before, const PlacedKeyframe& now, double tolerance) {
-  if (before.points_in_camera != now.points_in_camera) return true;
-  const PackedCloud& points = *now.points_in_camera;
-  const auto moves = [&](const Eigen::Vector3d& p) {
-    return (now.world_from_cam * (now.scale * p) - before.world_from_cam * (before.scale * p)).norm() > tolerance;
-  };
-  if (moves(Eigen::Vector3d::Zero())) return true;
-  constexpr size_t kSome = 16;
-  for (size_t i = 0; i < points.size(); i += 1 + points.size() / kSome) {
-    const Vec3f p = points[i].position;
-    if (moves({p.x, p.y, p.z})) return true;
-  }
-  return false;
-}
-
-}  // namespace
-
 std::unique_ptr<OccupancyMap> MakeOccupancyMap(const PlacedKeyframes& map, double resolution,
                                                const OccupancyLimits& limits) {
   if (map.keyframes.empty() || !(map.voxel_size > 0))
@@ -320,16 +299,7 @@ LiveOccupancy::Change LiveOccupancy::Update(const PlacedKeyframes& map) {
 }
 
 bool LiveOccupancy::Follow(const PlacedKeyframes& map) {
-  std::set<KeyframeKey> present;
-  for (const PlacedKeyframe& placed : map.keyframes) present.insert(placed.key);
-  for (auto known = keyframes_.begin(); known != keyframes_.end();) {
-    if (present.count(known->first) > 0) {
-      ++known;
-      continue;
-    }
-    map_->Remove(known->second);
-    known = keyframes_.erase(known);
-  }
+  EraseGone(map.keyframes, &keyframes_, [this](const PlacedKeyframe& gone) { map_->Remove(gone); });
   for (const PlacedKeyframe& placed : map.keyframes) {
     const auto known = keyframes_.find(placed.key);
     if (known != keyframes_.end()) {

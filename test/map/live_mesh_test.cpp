@@ -17,6 +17,7 @@ constexpr int kViews = 6;
 
 /// What a listener has.
 struct ToldMesh {
+  bool hears_all = true;
   std::map<int, TriangleMesh> blocks;
   size_t gone = 0;     ///< blocks
   size_t largest = 0;  ///< update, triangles; of those with more than one block
@@ -29,7 +30,7 @@ struct ToldMesh {
       if (!block.mesh.triangles.empty()) {
         blocks[block.number] = std::move(block.mesh);
       } else {
-        EXPECT_EQ(blocks.erase(block.number), 1u) << "what was never told cannot go";
+        EXPECT_GE(blocks.erase(block.number), hears_all ? 1u : 0u) << "what was never told cannot go";
         ++gone;
       }
     }
@@ -227,11 +228,84 @@ TEST_F(LiveMeshTest, VoxelsGetLargerWhereMemoryIsShort) {
   EXPECT_NEAR(static_cast<double>(told_.triangles()), expected, 0.002 * expected) << "as ExpectTheSavedMesh";
 }
 
+/// A listener who was too slow gets what it has lost, also that something has gone.
+TEST_F(LiveMeshTest, WhatWasToldOnceIsToldOnceMore) {
+  const auto repeat = [this](ToldMesh* listener) {
+    while (mesh_.Repeat(4)) {
+      MeshUpdate update = mesh_.Update();
+      EXPECT_LE(update.blocks.size(), 4u);
+      listener->Take(std::move(update));
+    }
+  };
+  AddAll();
+  Settle();
+  ToldMesh deaf;
+  deaf.hears_all = false;
+  repeat(&deaf);
+  EXPECT_EQ(deaf.blocks.size(), told_.blocks.size());
+  EXPECT_EQ(deaf.triangles(), told_.triangles());
+  std::vector<StampedPose> path;
+  for (size_t i = 0; i < kViews; ++i) {
+    path.push_back({StampOf(i), KeyframeOf(i).world_from_cam});
+    path.back().pose.translation().x() += i < 3 ? 10 : 0;
+  }
+  ASSERT_EQ(store_.Repose(path).moved.size(), 3u);
+  Settle();
+  ASSERT_GT(told_.gone, 5u);
+  ASSERT_NE(deaf.triangles(), told_.triangles());
+  repeat(&deaf);
+  EXPECT_EQ(deaf.gone, told_.gone);
+  EXPECT_EQ(deaf.triangles(), told_.triangles());
+  EXPECT_FALSE(mesh_.HasWork());
+}
+
+TEST_F(LiveMeshTest, AnUpdateIsBoundedAlsoWhereAWholeMapIsNew) {
+  AddAll();
+  LiveMesh mesh(&store_, {LiveMeshOptions().max_bytes, LiveMeshOptions().max_triangles, 1e-9});
+  mesh.Update();
+  const LiveMeshStatistics first = mesh.statistics();
+  EXPECT_EQ(first.keyframes + first.keyframes_to_add, 1u);
+  EXPECT_TRUE(mesh.HasWork());
+  while (mesh.HasWork()) told_.Take(mesh.Update());
+  EXPECT_EQ(mesh.statistics().keyframes, static_cast<size_t>(kViews));
+}
+
+TEST_F(LiveMeshTest, AllThatWaitsCountsAsBehind) {
+  AddAll();
+  Settle();
+  EXPECT_EQ(mesh_.statistics().longest_wait_s, 0);
+  std::vector<StampedPose> path = {{StampOf(0), KeyframeOf(0).world_from_cam}};
+  path[0].pose.translation().x() += 0.5;
+  store_.Repose(path);
+  while (mesh_.HasWork(false)) mesh_.Update(false);
+  const LiveMeshStatistics statistics = mesh_.statistics();
+  EXPECT_EQ(statistics.to_tell, 0u);
+  EXPECT_GT(statistics.to_make_again, 0u);
+  EXPECT_GT(statistics.longest_wait_s, 0) << "of blocks that are to be made again";
+}
+
+TEST_F(LiveMeshTest, AfterClearAllIsToldAnew) {
+  AddAll();
+  Settle();
+  mesh_.Clear();
+  MeshUpdate update = mesh_.Update();
+  EXPECT_TRUE(update.anew);
+  told_.Take(std::move(update));
+  Settle();
+  EXPECT_EQ(told_.triangles(), mesh_.statistics().triangles);
+}
+
 TEST(MeshVoxelSize, ChangesInSteps) {
   EXPECT_EQ(MeshVoxelSize({}, 0.02), 0.02);
   EXPECT_EQ(MeshVoxelSize({0, 0, 0.021, 0.02}, 0.02), 0.02);
   EXPECT_NEAR(MeshVoxelSize({0.03}, 0.02), 0.02 * std::sqrt(2), 1e-9);
   EXPECT_NEAR(MeshVoxelSize({0.05}, 0.02), 0.02 * std::sqrt(8), 1e-9);
+  const double step = 0.02 * std::sqrt(2), between = 0.02 * std::exp2(0.25);
+  for (double spacing : {0.98 * between, 1.02 * between}) {  // where rounding would go to and fro
+    EXPECT_EQ(MeshVoxelSize({spacing}, 0.02, 0.02), 0.02);
+    EXPECT_EQ(MeshVoxelSize({spacing}, 0.02, step), step);
+  }
+  EXPECT_NEAR(MeshVoxelSize({0.05}, 0.02, 0.02), 0.02 * std::sqrt(8), 1e-9);
 }
 
 }  // namespace

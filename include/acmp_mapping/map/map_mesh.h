@@ -29,7 +29,8 @@ MapMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options);
 /// Of the voxels of a map's mesh: the median distance of the keyframes' points, at least the map's voxels. In steps
 /// of sqrt(2) of these, so that it seldom changes while the map grows.
 /// @param spacings of each keyframe, in the world (PointSpacing); 0: it has no points
-double MeshVoxelSize(std::vector<double> spacings, double map_voxel_size);
+/// @param current is kept within three quarters of a step; 0: none
+double MeshVoxelSize(std::vector<double> spacings, double map_voxel_size, double current = 0);
 
 /// What a keyframe saw, for a mesh. Empty maps where it has no points.
 /// @param spacing of its points in the world

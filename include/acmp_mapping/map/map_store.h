@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <tuple>
 #include <vector>
@@ -150,6 +151,24 @@ struct PlacedKeyframes {
   double voxel_size = 0;                  ///< the points are one per voxel; 0: not known yet, no points
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< of the local coordinates, in the world
 };
+
+/// Whether a keyframe has other points, or some of them lie elsewhere by more than a tolerance (local coordinates).
+bool HasMoved(const PlacedKeyframe& before, const PlacedKeyframe& now, double tolerance);
+
+/// Erases what somebody keeps of keyframes that are not among those of a map (any more), each after a call of `leave`.
+template <class Kept, class Function>
+void EraseGone(const std::vector<PlacedKeyframe>& present, std::map<KeyframeKey, Kept>* kept, const Function& leave) {
+  std::set<KeyframeKey> keys;
+  for (const PlacedKeyframe& keyframe : present) keys.insert(keyframe.key);
+  for (auto known = kept->begin(); known != kept->end();) {
+    if (keys.count(known->first) > 0) {
+      ++known;
+    } else {
+      leave(known->second);
+      known = kept->erase(known);
+    }
+  }
+}
 
 /// The points of a map.
 struct MapCloud {
