@@ -318,8 +318,8 @@ void DescribeMesh(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) 
   status->add("mesh: blocks to be made again, as their keyframes have changed", mesh.to_make_again);
   if (mesh.longest_wait_s < kLongS) return;
   status->mergeSummary(DiagnosticStatus::WARN,
-                       Concat("the mesh is ", std::lround(mesh.longest_wait_s), " s behind, ", mesh.to_tell,
-                              " blocks wait: ~mesh_rate or ~mesh_time allow no more"));
+                       Concat("the mesh is ", std::lround(mesh.longest_wait_s), " s behind: ~mesh_rate, ~mesh_time or ",
+                              "the processors allow no more"));
 }
 
 }  // namespace

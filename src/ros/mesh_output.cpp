@@ -14,7 +14,8 @@ namespace {
 using visualization_msgs::Marker;
 using visualization_msgs::MarkerArray;
 
-/// Of messages that a slow listener has not read, 6 MB each by default; then roscpp drops the oldest.
+/// Of messages that a slow listener has not read, 6 MB each by default; then roscpp drops the oldest
+/// (MeshOutput::HasWork).
 constexpr uint32_t kMeshQueue = 20;
 
 Marker MakeMarker(int action, int id, const std_msgs::Header& header) {
@@ -54,42 +55,65 @@ Marker ToMarker(const MeshUpdate::Block& block, const std_msgs::Header& header) 
 
 MeshOutput::MeshOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options, MapOutput* map_output,
                        std::function<void(const RejectedInput&)> report)
-    : options_(options),
-      map_output_(map_output),
-      report_(std::move(report)),
-      mesh_(map, options.mesh()),
-      publisher_(nh.advertise<MarkerArray>(
-          names::kMesh, kMeshQueue, [this](const ros::SingleSubscriberPublisher&) { is_new_listener_ = true; })) {}
+    : options_(options), map_output_(map_output), report_(std::move(report)), mesh_(map, options.mesh()) {
+  if (options.mesh_rate <= 0) return;
+  publisher_ = nh.advertise<MarkerArray>(names::kMesh, kMeshQueue,
+                                         [this](const ros::SingleSubscriberPublisher&) { is_new_listener_ = true; });
+}
+
+bool MeshOutput::HasWork(bool make_again) {
+  constexpr size_t kRepeatedBlocks = 4;
+  constexpr double kRepeatRate = 1;  // Hz
+  if (mesh_.HasWork(make_again)) return true;
+  if (!repeat_pace_.IsTime() || mesh_.HasWork()) return false;
+  repeat_pace_.Begin();
+  repeat_pace_.End(kRepeatRate);
+  return mesh_.Repeat(kRepeatedBlocks);
+}
 
 void MeshOutput::PublishIfDue() {
-  constexpr double kLoad = 4;  // making blocks again takes at most one part in 1 + kLoad of a core
-  if (options_.mesh_rate <= 0) return;
   if (listeners() == 0) {
     if (std::exchange(is_listened_to_, false)) mesh_.Clear();
     return;
   }
   is_listened_to_ = true;
+  if (!pace_.IsTime()) return;
+  const std_msgs::Header header = map_output_->Header();
+  if (header.frame_id.empty()) return PublishNothing();
   if (std::exchange(is_new_listener_, false)) mesh_.TellAll();
-  const double begun_s = SteadySeconds();
-  const bool make_again = begun_s >= next_again_s_;
-  if (begun_s < next_s_ || !mesh_.HasWork(make_again)) return;
-  std_msgs::Header header = map_output_->Header();
-  if (header.frame_id.empty()) header = header_;  // the map has been emptied, or gets its first header in a moment
-  if (header.frame_id.empty()) return;
+  const bool make_again = again_pace_.IsTime();
+  if (!HasWork(make_again)) return;
+  constexpr double kMaxShare = 1;  // of the time; mesh_time bounds it
+  pace_.Begin();
+  if (make_again) again_pace_.Begin();
   const double coarser = mesh_.statistics().coarser;
-  const MeshUpdate update = mesh_.Update(make_again);
+  try {
+    Publish(mesh_.Update(make_again), header);
+  } catch (...) {  // what counts as told may not be
+    mesh_.Clear();
+    pace_.End(options_.mesh_rate, kMaxShare);
+    throw;
+  }
+  pace_.End(options_.mesh_rate, kMaxShare);
+  if (make_again) again_pace_.End(options_.mesh_rate);
   const LiveMeshStatistics now = mesh_.statistics();
   if (now.coarser > coarser) {
     report_(
         {"mesh_coarse", Concat("mesh: voxels are ", now.voxel_size, " wide in place of ", now.voxel_size / now.coarser,
                                ", which would take more than ~mesh_memory = ", options_.mesh_memory_gb, " GB")});
   }
-  Publish(update, header);
-  const double ended_s = SteadySeconds();
-  next_s_ = begun_s + 1 / options_.mesh_rate;
-  if (make_again) next_again_s_ = ended_s + kLoad * (ended_s - begun_s);
   std::lock_guard<std::mutex> lock(statistics_mutex_);
   statistics_ = now;
+}
+
+void MeshOutput::PublishNothing() {
+  if (header_.frame_id.empty()) return;
+  auto message = boost::make_shared<MarkerArray>();
+  message->markers.push_back(MakeMarker(Marker::DELETEALL, 0, std::exchange(header_, {})));
+  publisher_.publish(message);
+  mesh_.Clear();
+  std::lock_guard<std::mutex> lock(statistics_mutex_);
+  statistics_ = mesh_.statistics();
 }
 
 void MeshOutput::Publish(const MeshUpdate& update, std_msgs::Header header) {

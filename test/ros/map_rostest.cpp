@@ -117,7 +117,8 @@ struct Session {
       views.push_back(std::move(view));
     }
     if (!WaitForSubscriber(optimized_path) || !mapper.WaitUntilReady() || !mapper.WaitForMapServer()) return;
-    high.LoadMapServer("/high/map_server", {{"occupancy_min_height", 100.0}, {"occupancy_max_height", 101.0}},
+    high.LoadMapServer("/high/map_server",
+                       {{"occupancy_min_height", 100.0}, {"occupancy_max_height", 101.0}, {"mesh_rate", 0.0}},
                        {{"/high/keyframe_points", "/keyframe_points"}});
     mapped = points.WaitForPublisher() && map.WaitForPublisher() && path.WaitForPublisher() &&
              mapper.Map(Messages(1000)) == kViews && points.WaitForCount(kViews);
@@ -334,6 +335,17 @@ TEST_F(MapTest, D_OccupancyWithoutCellsNamesTheHeights) {
   ASSERT_TRUE(occupancy.WaitForCount(1));
   EXPECT_TRUE(occupancy.messages().back()->data.empty());
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({"incident: occupancy_empty", "100", "101", kWorldFrame}));
+}
+
+TEST_F(MapTest, D_WithoutAMeshThereIsNoSuchTopic) {
+  ros::master::V_TopicInfo topics;
+  ASSERT_TRUE(ros::master::getTopics(topics));
+  const auto is_there = [&](const char* name) {
+    return std::any_of(topics.begin(), topics.end(), [&](const auto& topic) { return topic.name == name; });
+  };
+  EXPECT_TRUE(is_there("/mesh"));
+  EXPECT_TRUE(is_there("/high/occupancy"));
+  EXPECT_FALSE(is_there("/high/mesh"));
 }
 
 TEST_F(MapTest, D_WhoListensLaterGetsTheWholeMesh) {

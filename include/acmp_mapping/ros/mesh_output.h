@@ -14,8 +14,9 @@ namespace acmp {
 
 /// The topic mesh (visualization_msgs/MarkerArray): what has changed of the map's mesh, each block of space as a
 /// TRIANGLE_LIST whose id stays the same, DELETE where it has gone, DELETEALL where all has. A new listener gets all
-/// blocks (and so do the others once more), in as many messages as that takes. Nothing is computed, nor held in memory,
-/// while nobody listens.
+/// blocks (and so do the others once more), in as many messages as that takes. When nothing waits, what was told once
+/// is told again, slowly, for listeners who were too slow and have lost messages. Nothing is computed, nor held in
+/// memory, while nobody listens; with mesh_rate 0 there is no such topic.
 class MeshOutput {
  public:
   /// @param map and map_output outlive this
@@ -30,15 +31,18 @@ class MeshOutput {
   uint32_t listeners() const { return publisher_.getNumSubscribers(); }
 
  private:
+  /// Whether there is something to publish now.
+  bool HasWork(bool make_again);
   void Publish(const MeshUpdate& update, std_msgs::Header header);
+  void PublishNothing();
 
   const MapServerOptions options_;
   MapOutput* const map_output_;
   const std::function<void(const RejectedInput&)> report_;
   LiveMesh mesh_;
   bool is_listened_to_ = false;
-  double next_s_ = 0, next_again_s_ = 0;  ///< steady clock
-  std_msgs::Header header_;               ///< of the last blocks; no frame: none were published
+  PublishPace pace_, again_pace_, repeat_pace_;
+  std_msgs::Header header_;  ///< of the last blocks; no frame: none were published
   bool is_new_listener_ = false;
   mutable std::mutex statistics_mutex_;
   LiveMeshStatistics statistics_;  ///< guarded by it
