@@ -116,9 +116,7 @@ class StageProcess:
         if answer == "done":
             return "".join(said).strip()
         code = self.end()
-        name, _, images = stage.partition(" ")
-        alone = [*self.command, "--stage", name] + (["--images", images] if images else [])
-        raise StageError(f"{answer or f'exit code {code}'}\n{''.join(said)}{' '.join(alone)}")
+        raise StageError(f"{answer or f'exit code {code}'}\n{''.join(said)}echo {stage} | {' '.join(self.command)} --stages")
 
     def end(self):
         """Returns the exit code."""

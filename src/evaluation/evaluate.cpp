@@ -2,8 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
-#include <nlohmann/json.hpp>
 #include <utility>
 
 #include <opencv2/imgproc.hpp>
@@ -126,39 +124,6 @@ Image<unsigned char> ReadGray8(const fs::path& path) {
   return gray;
 }
 
-constexpr const char* kIndexName = "index.json";
-
-nlohmann::json ReadIndex(const fs::path& path) {
-  std::ifstream stream(path);
-  if (!stream) throw InvalidInputError(Concat(path.string(), ": cannot be read"));
-  nlohmann::json index = nlohmann::json::parse(stream, nullptr, false);
-  if (!index.is_object() || !index.contains("tiles") || !index["tiles"].is_array()) {
-    throw InvalidInputError(Concat(path.string(), ": must be JSON with a list \"tiles\""));
-  }
-  return index;
-}
-
-void AppendTile(const fs::path& index, const nlohmann::json& tile, PointCloud* points, ReadOrigin* origin) {
-  const auto has = [&tile](const char* key) { return tile.is_object() && tile.contains(key); };
-  if (!has("file") || !tile["file"].is_string() || !has("points") || !tile["points"].is_number_unsigned()) {
-    throw InvalidInputError(Concat(index.string(),
-                                   ": a tile must have \"file\", a name, and \"points\", a number, and is ",
-                                   tile.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace).substr(0, 100)));
-  }
-  const fs::path name = tile["file"].get<std::string>();
-  if (name != name.filename()) {
-    throw InvalidInputError(Concat(index.string(), ": file ", name, ": must be in the same folder"));
-  }
-  const fs::path path = index.parent_path() / name;
-  const PointCloud read = ReadPly(path, origin);
-  const auto listed = tile["points"].get<uint64_t>();
-  if (read.size() != listed) {
-    throw InvalidInputError(
-        Concat(path.string(), ": has ", read.size(), " points: must be ", listed, ", as ", kIndexName, " says"));
-  }
-  points->insert(points->end(), read.begin(), read.end());
-}
-
 // Adds the true maps of a scene, of which one at a time is in memory. Returns how many there are.
 size_t AddTrueMaps(const CloudEvaluationOptions& options, const Eigen::Vector3d& origin, ObservedSurface* surface) {
   const fs::path folder = FindFolder(options.ground_truth, options.truth.folder, "--gt");
@@ -262,15 +227,8 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
 }
 
 PointCloud ReadCloud(const fs::path& path, double mesh_spacing, ReadOrigin* origin) {
-  const fs::path index_path = path.filename() == kIndexName ? path : path / kIndexName;
-  if (index_path != path && !fs::exists(index_path)) {
-    TriangleMesh mesh = ReadPlyMesh(path, origin);
-    return mesh.triangles.empty() ? std::move(mesh.vertices) : SampleMesh(mesh, mesh_spacing);
-  }
-  const nlohmann::json index = ReadIndex(index_path);
-  PointCloud points;
-  for (const nlohmann::json& tile : index["tiles"]) AppendTile(index_path, tile, &points, origin);
-  return points;
+  TriangleMesh mesh = ReadPlyMesh(path, origin);
+  return mesh.triangles.empty() ? std::move(mesh.vertices) : SampleMesh(mesh, mesh_spacing);
 }
 
 CloudEvaluation EvaluateCloudFile(const CloudEvaluationOptions& options) {

@@ -30,7 +30,7 @@ EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, 
       steps_(ScheduleOf(MakePipelineOptions(options))),
       final_step_(static_cast<int>(steps_.size()) - 1),
       frames_(*frames),
-      keeps_files_(options.keep_work || !options.stage.empty()),
+      keeps_files_(options.keep_work || options.stages),
       always_writes_(!output.empty() && (keeps_files_ || devices.on_host())),
       finals_are_maps_(options.online()) {
   for (int device = 0; device < devices.size(); ++device) {

@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/geometry/similarity.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "run.h"
@@ -26,14 +25,12 @@ class OnlineSchedule {
   void Run() {
     Capture capture;  // of the faces of a wide image
     for (size_t i = 0; i < run_.plan.images.size(); ++i) {
-      Timer timer;
       auto frame =
           std::make_shared<Frame>(LoadFrame(run_.scene, run_.plan.images[i].index, run_.options.max_image_size));
       // What a PointCloud2 carries is in float: with the same bits the nodelet's maps are the same.
       for (Eigen::Vector3d& p : frame->landmarks_in_world) p -= run_.plan.origin;
       frame->landmarks_in_world = RoundedToFloat(frame->landmarks_in_world);
       for (Eigen::Vector3d& p : frame->landmarks_in_world) p += run_.plan.origin;
-      run_.times.reading_ms += timer.Lap();
       capture.keyframes.push_back(std::move(frame));
       const int last = ImagesOfFile(run_.scene, run_.plan.images[i].index).second;
       if (i + 1 < run_.plan.images.size() && run_.plan.images[i + 1].index < last) continue;
@@ -94,7 +91,6 @@ class OnlineSchedule {
 
   void Keep(const KeyframeDepth& keyframe) {
     run_.times.stages += keyframe.times;
-    run_.times.consistency_ms += keyframe.consistency_ms;
     ImagePlan& image = PlanOf(keyframe.frame->id);
     run_.prior_depth_rejections.erase(image.index);
     if (!keyframe.prior_depth_rejection.empty()) {
@@ -107,9 +103,7 @@ class OnlineSchedule {
       refined_[image.index] = {*keyframe.refined_camera, keyframe.frame->cam_from_world.inverse()};
     }
     image.sources.assign(keyframe.source_ids.begin(), keyframe.source_ids.end());
-    Timer timer;
     WriteFinalMaps(run_.store.FileOf({run_.store.final_step(), image.index}), ToFinalMaps(keyframe));
-    run_.times.keeping_ms += timer.Lap();
   }
 
   /// As the map does with the nodelet's keyframes.

@@ -61,11 +61,9 @@ bool IsOurTrace(const std::string& name) {
   return name == kLockName || name == std::string(kRecordName) + kTemporarySuffix;
 }
 
-/// Whether a run writes a work file of that name: step_0/000012.bin, tiles_3kdF81/0_-1_2.bin.
+/// Whether a run writes a work file of that name: step_0/000012.bin.
 bool IsWorkFile(const std::string& name) {
-  static const std::regex pattern(
-      "[a-z_0-9]+/[0-9]{6}\\.bin((\\.[0-9]+)?\\.acmp\\.partial|\\.lock)?|"
-      "tiles_[A-Za-z0-9]{6}/-?[0-9]+_-?[0-9]+_-?[0-9]+\\.bin");
+  static const std::regex pattern("[a-z_0-9]+/[0-9]{6}\\.bin((\\.[0-9]+)?\\.acmp\\.partial|\\.lock)?");
   return std::regex_match(name, pattern);
 }
 
@@ -206,13 +204,6 @@ void OutputFolder::StartAfresh() {
 
 std::filesystem::path OutputFolder::WorkFile(const std::filesystem::path& output, const std::string& kind, int number) {
   return output / kWorkName / kind / StringPrintf("%06d.bin", number);
-}
-
-std::filesystem::path OutputFolder::MakeWorkFolder(const std::string& kind) const {
-  MakeFolder(path_ / kWorkName);
-  std::string name = (path_ / kWorkName / (kind + "_XXXXXX")).string();
-  if (!mkdtemp(name.data())) throw ProcessingError(Concat("cannot make ", name, ": ", std::strerror(errno)));
-  return name;
 }
 
 void OutputFolder::RemoveWork() const {

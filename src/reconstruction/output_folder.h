@@ -56,8 +56,6 @@ class OutputFolder {
   /// OUTPUT/work/KIND/000012.bin
   static std::filesystem::path WorkFile(const std::filesystem::path& output, const std::string& kind, int number);
   std::filesystem::path WorkFile(const std::string& kind, int number) const { return WorkFile(path_, kind, number); }
-  /// A new folder OUTPUT/work/KIND_..., which no other process has.
-  std::filesystem::path MakeWorkFolder(const std::string& kind) const;
   void RemoveWork() const;
 
   /// OUTPUT/KIND/000012SUFFIX

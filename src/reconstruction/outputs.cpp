@@ -11,7 +11,6 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "run_tasks.h"
@@ -39,7 +38,7 @@ class ImageFiles {
         names.insert(file.path.lexically_relative(run_.folder->path()).string());
       }
     }
-    names.insert({"cameras.txt", run_.options.tile_size ? "tiles/index.json" : "fused.ply"});
+    names.insert({"cameras.txt", "fused.ply"});
     run_.folder->Claim(names);
     for (const std::string& kind : run_.options.maps) MakeFolder(run_.folder->path() / kind);
     if (!run_.options.no_pictures && !run_.options.maps.empty()) MakeFolder(run_.folder->path() / "pictures");
@@ -131,7 +130,6 @@ class ImageFiles {
   }
 
   void WriteFiles(int index, const FinalMaps& maps) {
-    Timer timer;
     size_t too_far = 0;
     // Side by side: compressing pictures takes longer than writing them.
     tbb::parallel_for_each(FilesOf(index, maps, &too_far), [](const File& file) {
@@ -139,9 +137,8 @@ class ImageFiles {
       StartWriteback(file.path);
     });
     if (run_.options.colmap) WriteColmapMaps(run_, index, maps);
-    run_.Count(&RunTimes::writing_ms, timer.Lap());
     run_.interrupt.Check();
-    if (!run_.options.stage.empty()) WriteWorkFile(RecordOf(index), ChecksumsOfFiles(index));
+    if (run_.options.stages) WriteWorkFile(RecordOf(index), ChecksumsOfFiles(index));
     run_.progress.Step();
     const std::lock_guard<std::mutex> lock(run_.mutex);
     too_far_ += too_far;
@@ -210,50 +207,29 @@ PinholeCamera CameraOf(const ReconstructRun& run, int index) {
   return MatchedCamera(run.scene.images[static_cast<size_t>(index)], run.options);
 }
 
-CloudSize RunAndWriteResults(ReconstructRun* run) {
+size_t RunAndWriteResults(ReconstructRun* run) {
   const std::set<int> images = run->plan.WithMap();
   RunTasks tasks(run, run->options.online() ? -1 : run->store.final_step(), images);
   ImageFiles files(run);
   const std::set<int> missing_files = files.Missing(images);
   for (int index : missing_files) files.AddTasks(*run->plan.Find(index), &tasks);
-  std::optional<TiledCloud> tiles;  // where the points go: into these, or into the file
-  std::optional<PlyFile> file;
-  if (run->options.tile_size) {
-    tiles.emplace(run->folder, *run->options.tile_size, run->plan.origin);
-  } else {
-    file.emplace(run->folder->path() / "fused.ply", Durability::kPowerCut, run->plan.origin);
-  }
+  PlyFile file(run->folder->path() / "fused.ply", Durability::kPowerCut, run->plan.origin);
   std::vector<PointCloud> clouds;  // for COLMAP's model; else none
   const int all = AddFusions(run, images, &tasks, [&](PointCloud points) {
-    Timer timer;
-    if (tiles) {
-      tiles->Add(points);
-    } else {
-      file->Append(points);
-    }
+    file.Append(points);
     if (run->options.colmap) clouds.push_back(std::move(points));
-    run->Count(&RunTimes::cloud_ms, timer.Lap());
   });
-  tasks.AddFileTask({all}, [&] {
-    Timer timer;
-    if (tiles) {
-      tiles->Commit(run->interrupt);
-    } else {
-      file->Commit();
-    }
-    run->Count(&RunTimes::cloud_ms, timer.Lap());
-  });
+  tasks.AddFileTask({all}, [&] { file.Commit(); });
   BeginResults(*run, images.size(), tasks.steps(), missing_files.size());
   tasks.Run();
   run->interrupt.Check();
   files.WarnOfDepthsTooFar();
   WriteCamerasOf(*run, images);
   if (run->options.colmap) WriteColmapWorkspace(*run, images, clouds);
-  if (tiles) return {tiles->points(), tiles->tiles()};
-  return {file->points(), std::nullopt};
+  return file.points();
 }
 
-void RunStage(ReconstructRun* run, int step, const std::set<int>& images, bool maps) {
+void RunStage(ReconstructRun* run, const std::string& name, int step, const std::set<int>& images, bool maps) {
   std::set<int> missing_files, read = images;
   std::optional<ImageFiles> files;
   if (maps) {
@@ -266,7 +242,7 @@ void RunStage(ReconstructRun* run, int step, const std::set<int>& images, bool m
   }
   RunTasks tasks(run, step, read);
   for (int index : missing_files) files->AddTasks(*run->plan.Find(index), &tasks);
-  run->progress.Begin(run->options.stage, static_cast<int>(tasks.steps() + missing_files.size()));
+  run->progress.Begin(name, static_cast<int>(tasks.steps() + missing_files.size()));
   tasks.Run();
   if (files) files->WarnOfDepthsTooFar();
 }

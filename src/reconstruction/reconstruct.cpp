@@ -79,7 +79,6 @@ void CheckUnchanged(const Scene& scene, const std::vector<int>& indices, const s
 void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   const Timer timer;
   Validate(options);
-  if (!options.stage.empty()) return DoStage(options, context);
   CheckOutputIsNoInput(options);
   const bool plans = !options.plan.empty();
   std::future<std::vector<ReconstructDevice>> devices_to_come =
@@ -138,9 +137,9 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
     ReconstructRun run{scene, options, plan, devices, frames, interrupt, progress, &folder};
     if (options.online()) RunOnlineSchedule(&run);
     ReportImagesWithoutMap(plan, scene, &progress);
-    const CloudSize cloud = RunAndWriteResults(&run);
+    const size_t points = RunAndWriteResults(&run);
     CheckUnchanged(scene, indices, stamps, &folder);
-    EndRun(&run, record, devices.name(), timer, cloud, out);
+    EndRun(&run, record, devices.name(), timer, points, out);
   }
   if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, interrupt, &frames, &progress, out);
 }

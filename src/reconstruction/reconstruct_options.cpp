@@ -32,9 +32,6 @@ OUTPUT is a folder that is made; afterwards it holds, for image 0, 1, 2, ... of 
   confidence/000000.pfm    0..1
   pictures/000000_*.png    the four maps as colour pictures to look at
   fused.ply                one point cloud of all images: position, normal, colour, confidence
-  tiles/X_Y_Z.ply          with --tile-size, in place of fused.ply: the points whose coordinates divided by the tile size,
-                           rounded down, are X, Y, Z
-  tiles/index.json         the files of the tiles, their numbers of points, lowest and highest coordinates
   cameras.txt              cameras of the maps (at the maps' size) with their poses
   camera.yaml              with --refine-poses, where the calibration turns out to leave radial distortion: one that does
                            not, for the frontend or the mapper's calibration_file
@@ -123,9 +120,10 @@ OptionList OptionsOf(ReconstructOptions* o) {
 
   list.Group(kStageGroup);
   list.Flag("--stages", &o->stages,
-            "Stages that standard input names, each in a line: STAGE IMAGES, as step_0 0-15, or finish. Answers in\n"
-            "a line on standard output: STAGE IMAGES: done, or STAGE IMAGES: exit code N: message. A stage that\n"
-            "fails does not end it. Quicker than a process for each: GPUs start once, images stay at hand");
+            "Only the stages of a plan that standard input names, each in a line: STAGE IMAGES, as step_0 0-15, or\n"
+            "finish; all options as they were planned. Answers in a line on standard output: STAGE IMAGES: done, or\n"
+            "STAGE IMAGES: exit code N: message. A stage that fails does not end it. It does what is not done yet,\n"
+            "and may run beside others on any machine that sees OUTPUT");
   list.Number("--chunk-images", &o->chunk_images, 1, 65534, "", "Images of the scene that make a chunk, for --plan");
   return list;
 }
@@ -197,8 +195,6 @@ void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
       ->delimiter(',')
       ->check(CLI::IsMember(std::vector<std::string>{"depth", "normal", "cost", "confidence", "none"}))
       ->default_str("depth,normal,cost,confidence");
-  app->add_option("--tile-size", options->tile_size,
-                  "Write the cloud as cubes of this size, scene units, one file each, in place of fused.ply");
   app->add_option(
       "--mesh", options->mesh,
       "Also write a mesh of all depth maps to this file, .ply or .obj; a name alone: in OUTPUT. Of a finished\n"
@@ -206,9 +202,6 @@ void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
   app->option_defaults()->group(kStageGroup);
   app->add_option("--plan", options->plan,
                   "Only plan: OUTPUT gets the plan, this file (JSON) the stages of each chunk and what they wait for");
-  app->add_option("--stage", options->stage,
-                  "Only this stage of a plan, of the images that --images names: all options as they were planned. It\n"
-                  "does what is not done yet, and may run beside others on any machine that sees OUTPUT");
 }
 
 void CheckDepthOption(const char* name, const std::optional<double>& value) {
@@ -243,19 +236,17 @@ void CheckMesh(const ReconstructOptions& options) {
 }
 
 void CheckStages(const ReconstructOptions& options) {
-  const bool does_stages = options.stages || !options.stage.empty();
-  if (options.plan.empty() && !does_stages) return;
-  const char* name = !options.plan.empty() ? "--plan" : options.stages ? "--stages" : "--stage";
+  if (options.plan.empty() && !options.stages) return;
+  const char* name = options.stages ? "--stages" : "--plan";
   const auto refuse = [&](bool given, const char* other) {
     if (given) throw InvalidInputError(Concat(name, ": not with ", other));
   };
-  refuse(!options.plan.empty() && options.stages, "--stages");
+  refuse(options.stages && !options.plan.empty(), "--plan");
   refuse(options.stages && !options.images.empty(), "--images: its lines name them");
-  refuse((!options.plan.empty() || options.stages) && !options.stage.empty(), "--stage");
   refuse(options.online(), "--schedule online");
   refuse(options.colmap, "--colmap");
   refuse(!options.mesh.empty(), "--mesh: give it to the finished run");
-  refuse(options.overwrite && does_stages, "--overwrite: give it with --plan");
+  refuse(options.overwrite && options.stages, "--overwrite: give it with --plan");
   if (!options.plan.empty()) CheckFolderOf(options.plan);
 }
 
@@ -286,7 +277,6 @@ void Validate(const ReconstructOptions& options) {
     }
   }
   CheckMaps(options);
-  if (options.tile_size) CheckRange("--tile-size", *options.tile_size, 1e-6, 1e9);
   CheckMesh(options);
   CheckStages(options);
   CheckDepthOption("--depth-min", options.depth_min);

@@ -23,15 +23,8 @@ namespace acmp {
 /// Wall time of this run in milliseconds, summed over images.
 struct RunTimes {
   StageTimes stages;
-  double consistency_ms = 0;  ///< confidence maps
-  double fusion_ms = 0;       ///< point cloud
-  double reading_ms = 0;      ///< images, and estimates of steps before
-  double keeping_ms = 0;      ///< estimates and final maps, from the device and to work files
-  double writing_ms = 0;      ///< maps and pictures
-  double cloud_ms = 0;        ///< the cloud's file
-  double syncing_ms = 0;      ///< waiting for the disk
-  double run_ms = 0;          ///< the whole run, from the scene's files to the last one; not a sum
-  int images = 0;             ///< whose steps are in here; fewer than all after an interruption
+  double run_ms = 0;  ///< the whole run, from the scene's files to the last one; not a sum
+  int images = 0;     ///< whose steps are in here; fewer than all after an interruption
 };
 
 /// What all tasks of one run share. Everything outlives them.
@@ -50,35 +43,24 @@ struct ReconstructRun {
   RunTimes times = {};
   std::map<int, std::string> prior_depth_rejections = {};  ///< why images' prior depth is not used, by scene index
   std::mutex mutex = {};                                   ///< of times and rejections
-
-  /// Adds to one of the times, from any thread.
-  void Count(double RunTimes::*time, double ms) {
-    const std::lock_guard<std::mutex> lock(mutex);
-    times.*time += ms;
-  }
 };
 
 /// Camera of an image at the size of the run.
 PinholeCamera CameraOf(const ReconstructRun& run, int index);
-
-/// How much a run's cloud is.
-struct CloudSize {
-  size_t points = 0;
-  std::optional<size_t> tiles;  ///< nothing: one file
-};
 
 /// Feeds the images in the order of their index to a DenseMapper. Leaves final maps in the folder.
 void RunOnlineSchedule(ReconstructRun* run);
 
 /// Writes all results of a run whose results are files: of the offline schedule, whose missing steps are done
 /// meanwhile, or of the final maps that the online one has left. Confidence, map files and pictures of every image that
-/// gets a map; the cloud and the cameras. What earlier stages have written stays.
-CloudSize RunAndWriteResults(ReconstructRun* run);
+/// gets a map; the cloud and the cameras. What earlier stages have written stays. Returns how many points there are.
+size_t RunAndWriteResults(ReconstructRun* run);
 
 /// Does what is missing before images have estimates of a step in files.
+/// @param name of the stage, for the progress
 /// @param images with a map, by scene index
 /// @param maps also writes their map files and pictures; the step is then the final one
-void RunStage(ReconstructRun* run, int step, const std::set<int>& images, bool maps);
+void RunStage(ReconstructRun* run, const std::string& name, int step, const std::set<int>& images, bool maps);
 
 /// Writes a plan of stages to the output folder, and its tasks to the file options.plan:
 /// {"complete": a finished run with the same settings and input is there, and nothing is to do,
@@ -87,10 +69,6 @@ void RunStage(ReconstructRun* run, int step, const std::set<int>& images, bool m
 /// @param frames gets the images without a map, which no stage may read: a damaged one is found now
 void PlanStages(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options,
                 const StopRequest& interrupt, FrameStore* frames, Progress* progress, std::ostream* out);
-
-/// Does options.stage for options.images, as far as it is not done. What it reads of other chunks and does not find, or
-/// finds damaged, it makes itself. Throws as Reconstruct does.
-void DoStage(const ReconstructOptions& options, const RunContext& context);
 
 /// Writes the mesh of a finished run to options.mesh: of the maps in its folder, at the poses of its cameras.txt. A
 /// line of what it is goes to `out` unless options.quiet. Throws InvalidInputError, ProcessingError or Interrupted.
@@ -141,7 +119,7 @@ void ReportUnusedPriorDepth(const ReconstructRun& run);
 /// though all is written.
 /// @param device name of what computed it
 /// @param timer of the whole run
-void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
-            const CloudSize& cloud, std::ostream* out);
+void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer, size_t points,
+            std::ostream* out);
 
 }  // namespace acmp

@@ -23,13 +23,6 @@ std::vector<std::pair<const char*, double>> Rows(const RunTimes& times) {
           {"geometric", times.stages.geometric_ms},
           {"completion", times.stages.fill_ms},
           {"kernels (device time, part of the passes above)", times.stages.kernels_ms},
-          {"consistency", times.consistency_ms},
-          {"fusion", times.fusion_ms},
-          {"reading", times.reading_ms},
-          {"keeping estimates", times.keeping_ms},
-          {"writing maps and pictures", times.writing_ms},
-          {"writing the cloud", times.cloud_ms},
-          {"waiting for the disk", times.syncing_ms},
           {"whole run (steps overlap)", times.run_ms}};
 }
 
@@ -44,18 +37,10 @@ std::string RefinePosesName(const ReconstructOptions& options) {
   return std::get<std::string>(OptionsOf(&poses).Find("refine_poses").get());
 }
 
-/// As few digits as tell it from all other numbers.
-std::string AllDigits(double value) { return nlohmann::json(value).dump(); }
-
-std::string DescribeFiles(const CloudSize& cloud) {
-  if (!cloud.tiles) return "fused.ply";
-  return Concat(*cloud.tiles, *cloud.tiles == 1 ? " tile" : " tiles");
-}
-
-/// summary.json: version, settings, images with and without a map, points, tiles, times of this run.
+/// summary.json: version, settings, images with and without a map, points, times of this run.
 /// @param failure why it counts as failed; empty: it does not
-std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, const std::string& device,
-                          const CloudSize& cloud, const std::string& failure) {
+std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, const std::string& device, size_t points,
+                          const std::string& failure) {
   Json settings = Json::object(), times = Json::object(), without_map = Json::array();
   for (const auto& [name, value] : record) settings[name] = value;
   for (const auto& [name, ms] : Rows(run.times)) times[name] = ms;
@@ -68,10 +53,9 @@ std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, co
                   {"settings", settings},
                   {"images_with_map", run.plan.images.size() - without_map.size()},
                   {"images_without_map", without_map},
-                  {"points", cloud.points},
+                  {"points", points},
                   {"images_matched_in_last_run", run.times.images},
                   {"milliseconds_in_last_run", times}};
-  if (cloud.tiles) summary["tiles"] = *cloud.tiles;
   if (!failure.empty()) summary["failure"] = failure;
   return summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";  // names need not be UTF-8
 }
@@ -95,8 +79,7 @@ RunRecord SettingsRecord(const ReconstructOptions& options) {
                       {"maps", Joined(options.maps)},
                       {"dmb", flag(options.dmb)},
                       {"colmap", flag(options.colmap)},
-                      {"pictures", flag(!options.no_pictures)},
-                      {"tile-size", options.tile_size ? AllDigits(*options.tile_size) : "none"}};
+                      {"pictures", flag(!options.no_pictures)}};
   if (options.online()) {
     record.emplace_back("window-size", Concat(options.window_size));
     record.emplace_back("lookahead", Concat(options.lookahead));
@@ -170,24 +153,22 @@ void ReportUnusedPriorDepth(const ReconstructRun& run) {
   if (!text.empty()) run.progress.Warn(text);
 }
 
-void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
-            const CloudSize& cloud, std::ostream* out) {
+void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer, size_t points,
+            std::ostream* out) {
   run->interrupt.Check();
   ReportUnusedPriorDepth(*run);
-  Timer sync;
   run->folder->WriteFileList();
   SyncFolder(run->folder->path());
-  run->times.syncing_ms = sync.Lap();
   run->times.run_ms = timer.Elapsed();
-  const PointsJudgement judgement = JudgePoints(*run, cloud.points);
+  const PointsJudgement judgement = JudgePoints(*run, points);
   if (!judgement.warning.empty()) run->progress.Warn(judgement.warning);
   const std::string failure =
       judgement.failure.empty() ? "" : Concat(run->folder->path().string(), ": ", judgement.failure);
-  WriteFileAtomically(run->folder->SummaryFile(), FormatSummary(*run, record, device, cloud, failure),
+  WriteFileAtomically(run->folder->SummaryFile(), FormatSummary(*run, record, device, points, failure),
                       Durability::kPowerCut);
   if (!run->options.keep_work) run->folder->RemoveWork();
   if (!run->options.quiet) {
-    *out << run->folder->path().string() << ": " << cloud.points << " points in " << DescribeFiles(cloud) << "; took "
+    *out << run->folder->path().string() << ": " << points << " points in fused.ply; took "
          << FormatDuration(run->times.run_ms / 1000) << " on " << device << std::endl;
   }
   if (!failure.empty()) throw ProcessingError(failure);

@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/fusion/depth_fusion.h"
 #include "acmp_mapping/geometry/vector_conversion.h"
 
@@ -194,13 +193,10 @@ std::vector<int> RunTasks::StepsRead(int step, const ImagePlan& image) const {
 }
 
 void RunTasks::DoStep(int step, const ImagePlan& image, const DeviceEngine& engine, DepthEstimator* estimator) {
-  Timer timer;
   const EngineProblem problem = run_.store.Problem(image, step - 1, engine);
-  const double reading_ms = timer.Lap();
   run_.interrupt.Check();
   const EngineEstimatePtr estimate = estimator->Run(estimator->schedule()[static_cast<size_t>(step)], problem);
   run_.interrupt.Check();
-  timer.Lap();
   run_.store.Keep(step, *problem.reference.frame, engine, estimate);
   {
     const std::lock_guard<std::mutex> lock(run_.mutex);
@@ -209,8 +205,6 @@ void RunTasks::DoStep(int step, const ImagePlan& image, const DeviceEngine& engi
       run_.prior_depth_rejections[image.index] = estimator->prior_depth_rejection();
     }
     run_.times.images += step == 0 ? 1 : 0;
-    run_.times.reading_ms += reading_ms;
-    run_.times.keeping_ms += timer.Lap();
   }
   if (step > 0) run_.store.HasRead(image, step - 1);
   run_.progress.Step();
@@ -222,16 +216,13 @@ int RunTasks::AddMaps(const ImagePlan& image, bool measure, std::function<void(F
   const auto fetch = [this, &image, device, measure, take = std::move(take)](int thread) {
     const DeviceEngine engine = run_.devices.Engine(device, thread);
     const EngineProblem problem = run_.store.Problem(image, final_step_, engine);
-    Timer timer;
     EstimateMaps maps = engine.engine->Download(problem.reference.estimate);
-    run_.Count(&RunTimes::keeping_ms, timer.Lap());
     ConfidenceMap confidence;
     if (measure) {
       confidence = engine.engine->MeasureConfidence(problem.reference, problem.sources, run_.pipeline.fusion);
     }
     run_.interrupt.Check();
     run_.store.HasRead(image, final_step_);
-    run_.Count(&RunTimes::consistency_ms, timer.Lap());
     take({std::move(maps.depth), std::move(maps.normal), std::move(maps.cost), std::move(confidence)});
   };
   return graph_.Add(Devices::EnginePool(device), kUrgent, StepsRead(final_step_, image), fetch);
@@ -257,14 +248,12 @@ int RunTasks::AddFusion(const ImagePlan& image, std::vector<int> after, std::fun
 
 PointCloud RunTasks::Fuse(const ImagePlan& image, int rank, const DeviceEngine& engine) {
   const EngineProblem problem = InLocalCoordinates(run_.store.Problem(image, final_step_, engine), run_.plan.origin);
-  Timer timer;
   PointCloud cloud =
       engine.engine->FuseView(problem.reference, problem.sources, run_.pipeline.fusion, rank, stamps_.get());
   MoveCloud(run_.scene.images[static_cast<size_t>(image.index)].placed_from_world, run_.plan.origin, &cloud);
   run_.interrupt.Check();
   run_.store.HasRead(image, final_step_);
   run_.progress.Step();
-  run_.Count(&RunTimes::fusion_ms, timer.Lap());
   return cloud;
 }
 

@@ -133,8 +133,6 @@ class StageRunner {
   /// After a failure it is not to be used again.
   void Run(const std::string& stage, const std::string& images) {
     const Timer timer;
-    options_.stage = stage;
-    options_.images = images;
     const std::string name = options_.output.string();
     if (!OutputFolder::Exists(options_.output)) throw InvalidInputError(name + ": has no plan: give --plan first");
     const OutputFolder folder(options_.output, SettingsRecord(options_), false, OutputFolder::Use::kStages);
@@ -149,9 +147,9 @@ class StageRunner {
     if (stage != kFinishStage && place == stages.size()) {
       std::string names;
       for (const std::string& known : stages) names += known + ", ";
-      throw InvalidInputError(Concat("--stage ", stage, ": must be one of ", names, kFinishStage));
+      throw InvalidInputError(Concat("stage ", stage, ": must be one of ", names, kFinishStage));
     }
-    const std::set<int> chosen = stage == kFinishStage ? AllImages() : ChosenImages();
+    const std::set<int> chosen = stage == kFinishStage ? AllImages() : ChosenImages(images);
     CheckContent(chosen);
     if (!devices_) devices_.emplace(context_.make_devices());
     const std::string device = CheckDevice(folder.WorkFile("device", 0));
@@ -159,16 +157,16 @@ class StageRunner {
     ReconstructRun run{planned_->scene,  options_,   planned_->plan, *devices_,
                        planned_->frames, interrupt_, progress,       &folder};
     if (stage == kFinishStage) {
-      const CloudSize cloud = RunAndWriteResults(&run);
+      const size_t points = RunAndWriteResults(&run);
       const RunRecord record = MakeRecord(options_, device, input);
       folder.Rewrite(record);
-      return EndRun(&run, record, device, timer, cloud, &context_.out);
+      return EndRun(&run, record, device, timer, points, &context_.out);
     }
     std::set<int> targets;
     for (int index : chosen) {
       if (planned_->plan.HasMap(index)) targets.insert(index);
     }
-    RunStage(&run, std::min(static_cast<int>(place), run.store.final_step()), targets, stage == kMapsStage);
+    RunStage(&run, stage, std::min(static_cast<int>(place), run.store.final_step()), targets, stage == kMapsStage);
     interrupt_.Check();
     ReportUnusedPriorDepth(run);
   }
@@ -179,15 +177,15 @@ class StageRunner {
     return {indices.begin(), indices.end()};
   }
 
-  /// Images of options.images that take part.
-  std::set<int> ChosenImages() const {
-    if (options_.images.empty()) throw InvalidInputError("--stage: needs --images");
+  /// Images of the list that take part.
+  std::set<int> ChosenImages(const std::string& images) const {
+    if (images.empty()) throw InvalidInputError("stage without images: must be STAGE IMAGES, as step_0 0-15");
     std::set<int> chosen;
-    for (int index : ParseImageIndices(options_.images, static_cast<int>(planned_->scene.images.size()))) {
+    for (int index : ParseImageIndices(images, static_cast<int>(planned_->scene.images.size()))) {
       if (planned_->plan.Find(index)) chosen.insert(index);
     }
     if (!chosen.empty()) return chosen;
-    throw InvalidInputError(Concat("--images ", options_.images, ": the plan has none of these images"));
+    throw InvalidInputError(Concat("images ", images, ": the plan has none of these images"));
   }
 
   /// Throws InvalidInputError unless the images are what they were when they were planned.
@@ -216,7 +214,7 @@ class StageRunner {
                                    DeviceModel(devices_->name()), ", which makes other bits"));
   }
 
-  ReconstructOptions options_;
+  const ReconstructOptions options_;
   const RunContext& context_;
   StopRequest& interrupt_;
   std::optional<Devices> devices_;
@@ -262,10 +260,6 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
   if (options.quiet) return;
   *out << options.plan.string() << ": " << tasks.size() << " tasks for " << plan.images.size()
        << " images in chunks of " << options.chunk_images << std::endl;
-}
-
-void DoStage(const ReconstructOptions& options, const RunContext& context) {
-  StageRunner(options, context).Run(options.stage, options.images);
 }
 
 bool ReconstructStages(const ReconstructOptions& options, const RunContext& context, const LineReader& next) {

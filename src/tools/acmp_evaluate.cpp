@@ -80,8 +80,7 @@ CLI::App* AddCloudCommand(CLI::App* app, EvaluateArguments* a) {
       "all maps is not.");
   command
       ->add_option("RECONSTRUCTION", a->cloud.reconstruction,
-                   "PLY file, or a folder of tiles (acmp_reconstruct --tile-size); of a mesh (PLY with faces) "
-                   "points at most half of --voxel apart are taken")
+                   "PLY file; of a mesh (PLY with faces) points at most half of --voxel apart are taken")
       ->required();
   command
       ->add_option("GROUND_TRUTH", a->cloud.ground_truth,

@@ -6,7 +6,6 @@
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/evaluation/evaluate.h"
 #include "fuzz/fuzz_input.h"
 #include "output_folder.h"
 #include "work_files.h"
@@ -31,12 +30,6 @@ void ReadSceneOf(const std::vector<std::string>& names, SceneFormat format, fuzz
 
 /// A scene's cameras.txt.
 ACMP_FUZZ_TARGET(camera_list) { ReadCameraList(fuzz::Write("cameras.txt", bytes.Rest())); }
-
-/// The index of a cloud in tiles, beside one tile.
-ACMP_FUZZ_TARGET(cloud_tiles) {
-  WritePly(fuzz::Folder() / "0_0_0.ply", PointCloud(2));
-  ReadCloud(fuzz::Write("index.json", bytes.Rest()), 1);
-}
 
 ACMP_FUZZ_TARGET(colmap_binary) {
   ReadSceneOf({"sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin"}, SceneFormat::kColmap, &bytes);

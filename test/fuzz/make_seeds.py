@@ -67,8 +67,6 @@ PLY = "ply\nformat {} 1.0\nelement vertex 2\n" + "".join(f"property float {n}\n"
 seed("ply", "ascii.ply", PLY.format("ascii") + "0 0 1 0 0 -1 9 8 7\n1 0 1 0 0 -1 9 8 7\n3 0 1 1\n")
 seed("ply", "binary.ply", PLY.format("binary_little_endian").encode() +
      struct.pack("<6f3B", 0, 0, 1, 0, 0, -1, 9, 8, 7) * 2 + struct.pack("<B3i", 3, 0, 1, 1))
-seed("cloud_tiles", "index.json", '{"tile_size": 1.0, "points": 2, "tiles": [\n'
-     '{"file":"0_0_0.ply","points":2,"min":[0.0,0.0,0.0],"max":[0.0,0.0,0.0]}\n]}\n')
 seed("work_file", "estimate", struct.pack("<3i30f", 3, 2, 0, *range(30)))
 seed("work_file", "final_maps", struct.pack("<3i30f18B6f", 3, 2, 1, *range(54)))
 seed("output_folder", "complete", "# settings of the run that made this folder\npreset = acmp\n",

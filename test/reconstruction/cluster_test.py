@@ -239,7 +239,7 @@ class ClusterTest(unittest.TestCase):
         self.assertIn("already complete", process.run("step_0 0-3"))
         process.give_back(idle)
         self.assertIs(cluster.StageProcess.take(idle, command, starter), process)
-        with self.assertRaisesRegex(cluster.StageError, "(?s)^exit code 2: --stages: line .* --stage step_0 --images"):
+        with self.assertRaisesRegex(cluster.StageError, "(?s)^exit code 2: --stages: line .*echo step_0 0 1 .* --stages"):
             process.run("step_0 0 1")
         self.assertEqual(process.program.returncode, 1)
         process = cluster.StageProcess.take(idle, command, starter)

@@ -151,7 +151,7 @@ TEST_F(ReconstructCliTest, ExitCodesOfWrongUse) {
   EXPECT_THAT(missing.text, HasSubstr("nowhere"));
   WriteScene(3, 24, 18);
   for (const char* bad : {"--device tpu", "--source-views many", "--maps color", "--depth-min 5 --depth-max 1",
-                          "--tile-size nan", "--images 9", "--no-such-option"}) {
+                          "--source-views 0", "--images 9", "--no-such-option"}) {
     const Outcome outcome = RunTool(Usual() + " " + bad);
     EXPECT_EQ(outcome.exit_code, 2) << bad << ": " << outcome.text;
     EXPECT_NE(outcome.text, "") << bad;
@@ -220,7 +220,7 @@ TEST_F(ReconstructCliTest, DoesStagesThatStandardInputNames) {
   const std::string stages = std::string(ACMP_RECONSTRUCT) + " " + Usual() + " --quiet --stages";
   const Outcome outcome = RunShell("printf 'step_0 0-1\\nstep_9 0\\nstep_0 2-3' | " + stages);
   EXPECT_EQ(outcome.exit_code, 1);
-  EXPECT_THAT(outcome.text, MatchesRegex("step_0 0-1: done\nstep_9 0: exit code 2: --stage step_9: must be one of "
+  EXPECT_THAT(outcome.text, MatchesRegex("step_0 0-1: done\nstep_9 0: exit code 2: stage step_9: must be one of "
                                          "[^\n]*\nstep_0 2-3: done\n"));
   const Outcome again = RunShell("echo step_0 0-3 | " + stages);
   EXPECT_EQ(again.exit_code, 0);

@@ -267,7 +267,7 @@ TEST_F(ReconstructTest, QuietRunsPrintNothing) {
   options_.quiet = true;
   Run(&fake_);
   EXPECT_EQ(out_.str() + log_.str(), "");
-  for (const char* stage : {"photometric", "prior construction", "planar prior", "geometric", "fusion", "kernels"}) {
+  for (const char* stage : {"photometric", "prior construction", "planar prior", "geometric", "kernels"}) {
     EXPECT_THAT(ReadText(options_.output / "summary.json"), HasSubstr(stage)) << "its time";
   }
 }

@@ -103,11 +103,11 @@ TEST_F(ResumeTest, WhatOthersHavePutIntoTheFolderStays) {
   std::filesystem::remove(output() / "depth/000001.pfm");
   Run(&fake_);
   expect_kept();
-  WriteText("out/tiles/index.json", "precious");
+  WriteText("out/depth/000001.dmb", "precious");
   options_.overwrite = true;
-  options_.tile_size = 8;
-  EXPECT_THAT(Error(), HasSubstr("tiles/index.json was not written by this program"));
-  EXPECT_EQ(ReadText(output() / "tiles/index.json"), "precious");
+  options_.dmb = true;
+  EXPECT_THAT(Error(), HasSubstr("depth/000001.dmb was not written by this program"));
+  EXPECT_EQ(ReadText(output() / "depth/000001.dmb"), "precious");
 }
 
 TEST_F(ResumeTest, LinksAndPipesInTheFolderAreRefused) {
@@ -156,16 +156,14 @@ TEST_F(ResumeTest, OtherSettingsAreRefusedUntilOverwrite) {
 }
 
 TEST_F(ResumeTest, OverwriteRemovesWhatOtherSettingsDoNotMake) {
-  options_.tile_size = 0.4;
   Run(&fake_);
-  EXPECT_TRUE(Has("colmap") && Has("tiles"));
+  EXPECT_TRUE(Has("colmap") && Has("cost"));
   options_.colmap = false;
-  options_.tile_size = 0.40000001;
-  EXPECT_THAT(Error(), HasAll("colmap was yes and is no", "tile-size was 0.4 and is 0.40000001)"));
-  options_.tile_size.reset();
+  options_.maps = {"depth"};
+  EXPECT_THAT(Error(), HasAll("colmap was yes and is no", "maps was depth normal cost confidence and is depth"));
   options_.overwrite = true;
   Run(&fake_);
-  EXPECT_FALSE(Has("colmap") || Has("tiles"));
+  EXPECT_FALSE(Has("colmap") || Has("cost"));
   EXPECT_TRUE(Has("fused.ply"));
 }
 

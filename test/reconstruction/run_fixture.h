@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -167,6 +168,23 @@ class ReconstructRunFixture : public ReconstructFixture {
     log_.str("");
     out_.str("");
     Reconstruct(options_, {[&] { return FakeHost(matcher); }, *watcher, out_, log_, false});
+  }
+  /// A stage by a process of its own. Throws what its answer says.
+  void Stage(const std::string& stage, const std::string& images, FakeMatcher* matcher, StopRequest* watcher) {
+    ReconstructOptions options = options_;
+    options.stages = true;
+    std::ostringstream answer;
+    std::optional<std::string> line = stage == "finish" ? stage : stage + " " + images;
+    log_.str("");
+    const auto make_devices = [&] { return FakeHost(matcher); };
+    ReconstructStages(options, {make_devices, *watcher, answer, log_, false},
+                      [&] { return std::exchange(line, std::nullopt); });
+    out_.str(answer.str());
+    if (answer.str().find(": exit code 2: ") != std::string::npos) throw InvalidInputError(answer.str());
+    if (answer.str().find(": exit code 1: ") != std::string::npos) throw ProcessingError(answer.str());
+  }
+  void Stage(const std::string& stage, const std::string& images, FakeMatcher* matcher) {
+    Stage(stage, images, matcher, &watcher_);
   }
   /// A run that is asked to stop when a pass begins. Returns how many had begun.
   size_t RunInterrupted(int pass) {

@@ -174,9 +174,7 @@ TEST_F(WideImagesTest, InterruptedRunsAndStagesEndWithTheSameBytes) {
   Run(&fake_);
   const auto plan = nlohmann::json::parse(ReadText(std::exchange(options_.plan, {})));
   for (const nlohmann::json& task : plan.at("tasks")) {
-    options_.stage = task.at("stage");
-    options_.images = task.at("images");
-    Run(&fake_);
+    Stage(task.at("stage"), task.at("images"), &fake_);
   }
   ExpectSameContents(output("whole"), output());
 }
@@ -195,9 +193,7 @@ TEST_F(WideImagesTest, StagesTakeNamesThatAreNotUtf8) {
   options_.plan = folder() / "plan.json";
   Run(&fake_);
   options_.plan.clear();
-  options_.stage = "step_0";
-  options_.images = "0-19";
-  Run(&fake_);
+  Stage("step_0", "0-19", &fake_);
   EXPECT_FALSE(fake_.calls.empty());
 }
 

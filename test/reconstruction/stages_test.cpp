@@ -1,4 +1,4 @@
-// Stages of chunks, by a process each (--stage) or by one (--stages), end with the bytes of a run alone.
+// Stages of chunks, by a process each or by one, end with the bytes of a run alone.
 
 #include <atomic>
 #include <fstream>
@@ -66,21 +66,7 @@ class StagesTest : public ReconstructRunFixture {
     options_.overwrite = false;
   }
 
-  void Stage(const std::string& stage, const std::string& images, FakeMatcher* matcher, StopRequest* watcher) {
-    const ReconstructOptions before = options_;
-    options_.stage = stage;
-    options_.images = images;
-    try {
-      Run(matcher, watcher);
-    } catch (...) {
-      options_ = before;
-      throw;
-    }
-    options_ = before;
-  }
-  void Stage(const std::string& stage, const std::string& images, FakeMatcher* matcher) {
-    Stage(stage, images, matcher, &watcher_);
-  }
+  using ReconstructRunFixture::Stage;
   void Stage(const Task& task, FakeMatcher* matcher) { Stage(task.stage, task.images, matcher); }
 
   /// In the reverse of the plan's order as far as that is allowed.
@@ -167,23 +153,15 @@ TEST_F(StagesTest, EndWithTheBytesOfARunAloneAndRepeatNothing) {
   EXPECT_TRUE(none.calls.empty());
 }
 
-TEST_F(StagesTest, WriteTheTilesOfARunAloneAlsoFarFromTheOrigin) {
+TEST_F(StagesTest, WriteTheCloudOfARunAloneAlsoFarFromTheOrigin) {
   offset_ = {500000, 5500000, 200};
   WriteScene(kImages, kWidth, kHeight);
-  options_.tile_size = 0.5;
   RunTo("alone");
-  ASSERT_TRUE(std::filesystem::exists(output("alone") / "tiles/index.json"));
-  const std::vector<Task> tasks = Plan();
-  options_.tile_size = 0.25;
-  EXPECT_THAT(StageError("step_0", "0"), HasSubstr("tile-size was 0.5 and is 0.25"));
-  options_.tile_size = 0.5;
   FakeMatcher matcher;
-  for (const Task& task : tasks) {
-    if (task.stage == "finish") WriteText("out/tiles/0_0_8.ply.acmp.partial", "cut");  // of one that was killed there
+  for (const Task& task : Plan()) {
+    if (task.stage == "finish") WriteText("out/fused.ply.acmp.partial", "cut");  // of one that was killed there
     Stage(task, &matcher);
   }
-  EXPECT_THAT(out_.str(), HasSubstr(" tiles; took "));
-  std::filesystem::remove(output() / "tiles/0_0_8.ply.acmp.partial");
   ExpectSameContents(output("alone"), output());
 }
 
@@ -257,8 +235,8 @@ TEST_F(StagesTest, RefuseWhatIsNotPlannedOrHasChanged) {
   EXPECT_THAT(Error(), HasSubstr("holds an interrupted run of one process"));
   options_.plan.clear();
   PlanAfresh();
-  EXPECT_THAT(StageError("step_9", "0"), HasSubstr("--stage step_9: must be one of step_0, "));
-  EXPECT_THAT(StageError("step_0", ""), HasSubstr("--images"));
+  EXPECT_THAT(StageError("step_9", "0"), HasSubstr("stage step_9: must be one of step_0, "));
+  EXPECT_THAT(StageError("step_0", ""), HasSubstr("must be STAGE IMAGES"));
   EXPECT_THAT(StageError("step_0", "77"), HasSubstr("[0, 8]"));
   options_.seed = 7;
   EXPECT_THAT(StageError("step_0", "0"), HasSubstr("seed was 1 and is 7"));
@@ -292,8 +270,8 @@ TEST_F(StagesTest, OfTwoModelsOfDevicesThatBeginAtOnceOneIsRefusedBeforeItComput
     std::vector<std::future<std::string>> errors;
     for (size_t i = 0; i < models.size(); ++i) {
       errors.push_back(std::async(std::launch::async, [&, i, options = options_]() mutable -> std::string {
-        options.stage = "step_0";
-        options.images = models[i].second;
+        options.stages = true;
+        std::optional<std::string> line = "step_0 " + models[i].second;
         const auto make_devices = [&] {
           std::vector<ReconstructDevice> devices(1);
           devices[0].engines.push_back(std::make_unique<NamedEngine>(models[i].first, &matchers[i]));
@@ -303,12 +281,8 @@ TEST_F(StagesTest, OfTwoModelsOfDevicesThatBeginAtOnceOneIsRefusedBeforeItComput
         };
         StopRequest stop;
         std::ostringstream out, log;
-        try {
-          Reconstruct(options, {make_devices, stop, out, log, false});
-          return "";
-        } catch (const InvalidInputError& error) {
-          return error.what();
-        }
+        const auto next = [&] { return std::exchange(line, std::nullopt); };
+        return ReconstructStages(options, {make_devices, stop, out, log, false}, next) ? "" : out.str();
       }));
     }
     std::vector<std::string> told;
@@ -321,7 +295,7 @@ TEST_F(StagesTest, OfTwoModelsOfDevicesThatBeginAtOnceOneIsRefusedBeforeItComput
 }
 
 TEST_F(StagesTest, OptionsThatDoNotGoTogether) {
-  EXPECT_EQ(ErrorWith([](auto* o) { o->plan = "p", o->stage = "maps"; }), "--plan: not with --stage");
+  EXPECT_EQ(ErrorWith([](auto* o) { o->plan = "p", o->stages = true; }), "--stages: not with --plan");
   EXPECT_THAT(ErrorWith([](auto* o) { o->stages = true, o->images = "0"; }), HasSubstr("--stages: not with --images"));
   EXPECT_EQ(ErrorWith([](auto* o) { o->plan = "p", o->schedule = "online"; }), "--plan: not with --schedule online");
   EXPECT_EQ(ErrorWith([](auto* o) { o->plan = "p", o->colmap = true; }), "--plan: not with --colmap");
@@ -358,8 +332,8 @@ TEST_F(StagesTest, OfOneProcessGoOnAfterAFailure) {
               &matcher, false);
   std::istringstream stream(answers);
   for (const char* expected :
-       {"step_9 0-1: exit code 2: --stage step_9: ", ": exit code 2: --stages: line \"\": must be STAGE IMAGES",
-        "step_0 0 1: exit code 2: --stages: line \"step_0 0 1\": ", "step_0: exit code 2: --stage: needs --images",
+       {"step_9 0-1: exit code 2: stage step_9: ", ": exit code 2: --stages: line \"\": must be STAGE IMAGES",
+        "step_0 0 1: exit code 2: --stages: line \"step_0 0 1\": ", "step_0: exit code 2: stage without images",
         "step_0 77: exit code 2: image list: \"77\": ", "step_0 0-1: exit code 1: the device is lost",
         "step_0 0-1: done"}) {
     std::string line;

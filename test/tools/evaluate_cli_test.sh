@@ -39,25 +39,6 @@ expect 2 "--max-depth = 9: needs a folder" "$bin/acmp_evaluate" cloud b/surface.
 expect 2 "missing.ply" "$bin/acmp_evaluate" cloud missing.ply b/surface.ply
 
 printf 'ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 1\n1 0 1\n' >two.ply
-# A cloud in tiles is the same cloud.
-mkdir tiles
-for x in 0 1; do
-  printf 'ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n%d 0 1\n' $x >tiles/${x}_0_0.ply
-done
-echo '{"tile_size": 1, "points": 2, "tiles": [{"file": "0_0_0.ply", "points": 1}, {"file": "1_0_0.ply", "points": 1}]}' >tiles/index.json
-for cloud in tiles tiles/index.json; do
-  diff <("$bin/acmp_evaluate" cloud $cloud two.ply) <("$bin/acmp_evaluate" cloud two.ply two.ply) ||
-    fail "tiles and PLY differ"
-done
-expect 0 "100.00" "$bin/acmp_evaluate" cloud two.ply tiles/index.json
-expect_tiles_refused() {  # text index
-  echo "$2" >tiles/index.json
-  expect 2 "$1" "$bin/acmp_evaluate" cloud tiles two.ply
-}
-expect_tiles_refused "1_0_0.ply: has 1 points: must be 2" '{"tiles": [{"file": "1_0_0.ply", "points": 2}]}'
-expect_tiles_refused "must be in the same folder" '{"tiles": [{"file": "../two.ply", "points": 2}]}'
-expect_tiles_refused 'a tile must have "file"' '{"tiles": [{"file": 7, "points": 2}]}'
-expect_tiles_refused 'must be JSON with a list' '{"tiles": {}}'
 # What it prints is its result: where that does not get out, it has failed.
 for tool in "$bin/acmp_evaluate cloud two.ply two.ply" "$bin/acmp_evaluate depth a a/depth"; do
   $tool >/dev/null 2>&1 || fail "$tool"

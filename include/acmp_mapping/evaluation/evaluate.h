@@ -69,9 +69,8 @@ struct CloudEvaluationOptions {
   double voxel_size = 0.01;
 };
 
-/// The points of a PLY file, of its surface where it is a mesh, or of a cloud in tiles that acmp_reconstruct
-/// --tile-size writes: the folder or its index.json. Throws InvalidInputError as ReadPlyMesh and SampleMesh do, for an
-/// index that cannot be read, and a tile that is missing, damaged or has another number of points.
+/// The points of a PLY file, or of its surface where it is a mesh. Throws InvalidInputError as ReadPlyMesh and
+/// SampleMesh do.
 /// @param mesh_spacing of the points on a mesh
 /// @param origin see ReadPly
 PointCloud ReadCloud(const std::filesystem::path& path, double mesh_spacing, ReadOrigin* origin = nullptr);

@@ -49,9 +49,10 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context);
 /// The next line without its end; nothing after the last one. May throw Interrupted.
 using LineReader = std::function<std::optional<std::string>()>;
 
-/// Does stages of a plan, one after the other, as Reconstruct with options.stage does each. What they have in common is
-/// kept at hand: devices, the plan, images. `context.out` is told of each, in one line: "LINE: done" or "LINE: exit
-/// code N: message", with the program's exit codes.
+/// Does stages of a plan, one after the other, as far as they are not done. What a stage reads of other images and does
+/// not find, or finds damaged, it makes itself. What they have in common is kept at hand: devices, the plan, images.
+/// `context.out` is told of each, in one line: "LINE: done" or "LINE: exit code N: message", with the program's exit
+/// codes.
 /// @param next names them: "STAGE IMAGES", or "finish"
 /// @return whether all were done. Throws InvalidInputError for options and Interrupted; a stage that fails ends nothing
 bool ReconstructStages(const ReconstructOptions& options, const RunContext& context, const LineReader& next);

@@ -49,14 +49,12 @@ struct ReconstructOptions {
   double memory_limit_gb = DefaultMemoryLimitGb();
 
   std::filesystem::path plan;  ///< file to write: only plan the stages; empty: do everything
-  std::string stage;           ///< do only this one, of the images; empty: do everything
-  bool stages = false;         ///< do those that ReconstructStages is told
+  bool stages = false;         ///< do only those that ReconstructStages is told
   int chunk_images = 16;       ///< scene indices that a planned task has
 
   std::vector<std::string> maps = {"depth", "normal", "cost", "confidence"};  ///< kinds to write; none: only the cloud
-  std::optional<double> tile_size;  ///< scene units: cut the cloud into cubes of this size; nothing: one file
-  std::filesystem::path mesh;       ///< file to write, .ply or .obj; empty: no mesh
-  double mesh_voxel_size = 0;       ///< scene units; 0: DefaultVoxelSize
+  std::filesystem::path mesh;  ///< file to write, .ply or .obj; empty: no mesh
+  double mesh_voxel_size = 0;  ///< scene units; 0: DefaultVoxelSize
   bool dmb = false;
   bool colmap = false;
   bool no_pictures = false;
