@@ -149,8 +149,7 @@ class OnlineSchedule {
 }  // namespace
 
 void RunOnlineSchedule(ReconstructRun* run) {
-  constexpr double kShareOfRun = 0.8;
-  run->progress.Begin("keyframe", static_cast<int>(run->plan.images.size()), kShareOfRun);
+  run->progress.Begin("keyframe", static_cast<int>(run->plan.images.size()));
   OnlineSchedule(run).Run();
   CheckSomeImageGetsAMap(run->plan, run->scene);
 }

@@ -164,14 +164,10 @@ void WriteCamerasOf(const ReconstructRun& run, const std::set<int>& images) {
 /// Tells how far the run is: steps of the schedule, files of images, points of images.
 /// @param steps,files that are to do
 void BeginResults(const ReconstructRun& run, size_t images, size_t steps, size_t files) {
-  constexpr double kShareBeforeMesh = 0.9;
-  std::optional<double> share;
-  if (!run.options.mesh.empty()) share = kShareBeforeMesh * (1 - run.progress.done_share());
   const bool offline = !run.options.online();
   const size_t all_steps = offline ? images * static_cast<size_t>(run.store.final_step() + 1) : 0;
   run.progress.Begin(offline ? "depth maps, pictures and cloud" : "maps, pictures and cloud",
-                     static_cast<int>(all_steps + files + images), share);
-  for (size_t reused = steps; reused < all_steps; ++reused) run.progress.Step(true);
+                     static_cast<int>(all_steps + files + images), static_cast<int>(all_steps - steps));
 }
 
 /// Adds the fusion of these images. So that points that wait for those of earlier images fit into their share of

@@ -19,21 +19,19 @@ Progress::Progress(std::ostream* stream, ProgressStyle style) : stream_(stream),
 
 Progress::~Progress() { EraseBar(); }
 
-void Progress::Begin(const std::string& stage, int steps, std::optional<double> share) {
+void Progress::Begin(const std::string& stage, int steps, int reused) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  begun_ += share_;
-  share_ = share.value_or(1 - begun_);
+  start_ = std::chrono::steady_clock::now();
   stage_ = stage;
-  steps_ = steps;
-  step_ = 0;
+  steps_ = std::max(steps, 1);
+  step_ = reused_ = reused;
   shown_percent_ = -1;
   Show();
 }
 
-void Progress::Step(bool reused) {
+void Progress::Step() {
   const std::lock_guard<std::mutex> lock(mutex_);
   ++step_;
-  if (reused) reused_ += share_ / steps_;
   Show();
 }
 
@@ -50,17 +48,13 @@ void Progress::Warn(const std::string& message) {
   *stream_ << "warning: " << message << std::endl;
 }
 
-double Progress::done_share() const { return begun_ + (steps_ > 0 ? share_ * step_ / steps_ : 0); }
-
 double Progress::SecondsLeft(double elapsed_s) const {
-  const double own = done_share() - reused_;
-  if (own < 1e-9) return -1;  // but for rounding nothing
-  return elapsed_s / own * (1 - done_share());
+  return step_ > reused_ ? elapsed_s / (step_ - reused_) * (steps_ - step_) : -1;
 }
 
 void Progress::Show() {
   if (style_ == ProgressStyle::kSilent) return;
-  const int percent = static_cast<int>(100 * done_share() + 1e-6);  // the sum of shares is rounded
+  const auto percent = static_cast<int>(int64_t{100} * step_ / steps_);
   if (style_ == ProgressStyle::kLines && percent == shown_percent_) return;
   shown_percent_ = percent;
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;

@@ -2,7 +2,6 @@
 
 #include <chrono>
 #include <mutex>
-#include <optional>
 #include <ostream>
 #include <string>
 
@@ -20,7 +19,7 @@ inline ProgressStyle ProgressStyleFor(bool quiet, bool log_is_terminal) {
   return log_is_terminal ? ProgressStyle::kBar : ProgressStyle::kLines;
 }
 
-/// Reports how far a run is, with the time left. For any number of threads.
+/// Reports how far a stage of a run is, with the time left. For any number of threads.
 class Progress {
  public:
   /// @param stream not null; outlives this
@@ -29,17 +28,15 @@ class Progress {
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
-  /// Begins a stage of `steps` steps of the same cost.
-  /// @param share of the run's work that they are; by default all that is left, 0..1
-  void Begin(const std::string& stage, int steps, std::optional<double> share = std::nullopt);
-  /// One step is done. `reused`: an earlier run did it, so it says nothing about the speed.
-  void Step(bool reused = false);
+  /// Begins a stage of `steps` steps of the same cost. @param reused an earlier run did so many of them
+  void Begin(const std::string& stage, int steps, int reused = 0);
+  void Step();  ///< is done
   /// A line for the user, above the bar; silent runs leave it out unless it is a warning.
   void Note(const std::string& message);
   void Warn(const std::string& message);
 
-  double done_share() const;
-  /// Seconds left, from the work done in this run; negative while unknown.
+  /// Of the stage, from the steps done in this run; negative while unknown.
+  /// @param elapsed_s since it began
   double SecondsLeft(double elapsed_s) const;
 
  private:
@@ -49,13 +46,9 @@ class Progress {
   std::mutex mutex_;
   std::ostream* stream_;
   ProgressStyle style_;
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  std::chrono::steady_clock::time_point start_;
   std::string stage_;
-  int steps_ = 0;
-  int step_ = 0;
-  double begun_ = 0;   ///< share of the stages before
-  double share_ = 0;   ///< of the stage
-  double reused_ = 0;  ///< share that an earlier run did
+  int steps_ = 0, step_ = 0, reused_ = 0;
   int shown_percent_ = -1;
   bool bar_visible_ = false;
 };
