@@ -1,6 +1,6 @@
 #include "acmp_mapping/map/distance_field.h"
 
-#include <dynamicEDT3D/dynamicEDT3D.h>
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <array>
@@ -11,16 +11,13 @@
 namespace acmp {
 namespace {
 
-/// DynamicEDT3D's cell (28), its share of rows, and two versions of a DistanceGrid.
-constexpr size_t kFieldCellBytes = 32;
+constexpr size_t kFieldCellBytes = 8;   ///< two versions of a DistanceGrid, and two grids while distances are found
 constexpr unsigned kDistanceBits = 14;  ///< of a DistanceGrid's cell
 constexpr unsigned kDistanceMask = (1u << kDistanceBits) - 1;
 constexpr int kMaxSquared = kMaxDistanceVoxels * kMaxDistanceVoxels;
 /// How much larger than what is known a grid is, to each side, so that it need not be made anew with each keyframe.
 constexpr double kRoom = 0.2;
 constexpr int kLeastRoom = 2;
-
-int ToInt(size_t number) { return static_cast<int>(number); }
 
 double CellsOf(const VoxelBox& box) {
   double cells = 1;
@@ -73,13 +70,53 @@ const std::array<float, kMaxSquared + 1>& SquareRoots() {
   return roots;
 }
 
-}  // namespace
+/// Squared distances to the nearest obstacle; kNone: farther than kMaxDistanceVoxels.
+using Squares = std::vector<int16_t>;
+constexpr int16_t kNone = 10000;  ///< with the greatest squares of two axes added it is below 2^15
 
-struct DistanceField::Transform : DynamicEDT3D {
-  Transform() : DynamicEDT3D(kMaxSquared) {}
-  /// Of the cells along z; getSQCellDistance would look each of them up.
-  const dataCell* Column(int x, int y) const { return data[x][y]; }
-};
+/// Of rows, from distances within each row alone (Felzenszwalb and Huttenlocher, Distance Transforms of Sampled
+/// Functions, 2012, as far as kMaxDistanceVoxels only): cells [slice][row][cell] get the least of their slice over all
+/// rows of that row's value and the squared distance between the rows. Only in rows from `first_row` on, `num_rows`.
+Squares AcrossRows(const Squares& within, size_t slices, size_t rows, size_t cells, size_t first_row, size_t num_rows) {
+  Squares across(within.size());
+  constexpr size_t kChunk = 1024;  // cells: what a chunk's rows need stays in the cache
+  const size_t chunks = (cells + kChunk - 1) / kChunk;
+  tbb::parallel_for(size_t{0}, slices * chunks, [&](size_t i) {
+    const size_t first = i / chunks * rows * cells + i % chunks * kChunk;
+    const size_t count = std::min(kChunk, cells - i % chunks * kChunk);
+    for (size_t row = first_row; row < first_row + num_rows; ++row) {
+      int16_t* out = &across[first + row * cells];
+      std::fill(out, out + count, kNone);
+      for (size_t away = 0; away <= kMaxDistanceVoxels; ++away) {
+        // Rows that the slice does not have: its last one, which has been looked at by its true distance.
+        const int16_t* before = &within[first + (row - std::min(row, away)) * cells];
+        const int16_t* after = &within[first + std::min(rows - 1, row + away) * cells];
+        const auto squared = static_cast<int16_t>(away * away);
+        for (size_t k = 0; k < count; ++k) {
+          const int16_t least = before[k] < after[k] ? before[k] : after[k];
+          const auto distance = static_cast<int16_t>(least + squared);
+          out[k] = distance < out[k] ? distance : out[k];
+        }
+      }
+    }
+  });
+  return across;
+}
+
+/// Along a row of so many cells, to both sides.
+template <class Predicate>
+void WithinRow(size_t size, const Predicate& is_obstacle, int16_t* squares) {
+  int away = kMaxDistanceVoxels + 1;
+  const auto next = [&](size_t i) {
+    away = is_obstacle(i) ? 0 : away + 1;
+    return static_cast<int16_t>(away <= kMaxDistanceVoxels ? away * away : kNone);
+  };
+  for (size_t i = 0; i < size; ++i) squares[i] = next(i);
+  away = kMaxDistanceVoxels + 1;
+  for (size_t i = size; i-- > 0;) squares[i] = std::min(squares[i], next(i));
+}
+
+}  // namespace
 
 Occupancy DistanceGrid::OccupancyAt(size_t cell) const { return static_cast<Occupancy>(cells[cell] >> kDistanceBits); }
 
@@ -128,8 +165,6 @@ PointDistance DistanceGrid::At(const Eigen::Vector3d& point) const {
 DistanceField::DistanceField(bool unknown_is_obstacle, size_t max_bytes)
     : unknown_is_obstacle_(unknown_is_obstacle), max_cells_(std::max<size_t>(1, max_bytes / kFieldCellBytes)) {}
 
-DistanceField::~DistanceField() = default;
-
 bool DistanceField::Covers(const VoxelBox& known, const VoxelIndex& camera) const {
   if (grid_->box.Contains(known.low) && grid_->box.Contains(known.high)) return true;
   if (!grid_->cropped) return false;
@@ -143,7 +178,6 @@ bool DistanceField::Covers(const VoxelBox& known, const VoxelIndex& camera) cons
 }
 
 void DistanceField::Restart(const OccupancyMap& map, const VoxelBox& known, const VoxelIndex& camera) {
-  transform_.reset();
   auto grid = std::make_shared<DistanceGrid>();
   grid->resolution = map.resolution();
   grid->box = Grown(known, kRoom, kLeastRoom);
@@ -154,37 +188,39 @@ void DistanceField::Restart(const OccupancyMap& map, const VoxelBox& known, cons
   std::vector<Occupancy> voxels;
   map.Read(grid->box, &voxels);
   grid->cells.resize(voxels.size());
-  // The transform deletes it.
-  auto*** obstacles = new bool**[grid->size(0)];
-  for (size_t x = 0; x < grid->size(0); ++x) {
-    obstacles[x] = new bool*[grid->size(1)];
-    for (size_t y = 0; y < grid->size(1); ++y) {
-      obstacles[x][y] = new bool[grid->size(2)];
-      for (size_t z = 0; z < grid->size(2); ++z) {
-        const size_t cell = (x * grid->size(1) + y) * grid->size(2) + z;
-        grid->cells[cell] = static_cast<uint16_t>(static_cast<unsigned>(voxels[cell]) << kDistanceBits);
-        obstacles[x][y][z] = IsObstacle(voxels[cell]);
-      }
-    }
-  }
-  transform_ = std::make_unique<Transform>();
-  transform_->initializeMap(ToInt(grid->size(0)), ToInt(grid->size(1)), ToInt(grid->size(2)), obstacles);
+  std::transform(voxels.begin(), voxels.end(), grid->cells.begin(), [](Occupancy occupancy) {
+    return static_cast<uint16_t>(static_cast<unsigned>(occupancy) << kDistanceBits);
+  });
   grid_ = std::move(grid);
 }
 
-void DistanceField::ReadDistances(const VoxelBox& box, DistanceGrid* grid) const {
+void DistanceField::FindDistances(const VoxelBox& box, DistanceGrid* grid) const {
   if (box.empty()) return;
-  const VoxelIndex& low = grid->box.low;
-  for (int x = box.low[0]; x <= box.high[0]; ++x) {
-    for (int y = box.low[1]; y <= box.high[1]; ++y) {
-      const auto* transformed = transform_->Column(x - low[0], y - low[1]) - low[2];
-      uint16_t* cells = &grid->cells[grid->CellOf({x, y, low[2]})] - low[2];
-      for (int z = box.low[2]; z <= box.high[2]; ++z) {
-        cells[z] = static_cast<uint16_t>((cells[z] & ~kDistanceMask) |
-                                         static_cast<unsigned>(std::clamp(transformed[z].sqdist, 0, kMaxSquared)));
+  const VoxelBox around = Common(Grown(box, 0, kMaxDistanceVoxels), grid->box);
+  const auto size = [&](size_t i) { return static_cast<size_t>(around.high[i] - around.low[i] + 1); };
+  Squares squares(size(0) * size(1) * size(2));
+  const auto rows_of = [&](const VoxelBox& part, const auto& function) {
+    tbb::parallel_for(part.low[0], part.high[0] + 1, [&](int x) {
+      for (int y = part.low[1]; y <= part.high[1]; ++y) {
+        const size_t row = static_cast<size_t>(x - around.low[0]) * size(1) + static_cast<size_t>(y - around.low[1]);
+        function(&grid->cells[grid->CellOf({x, y, part.low[2]})],
+                 &squares[row * size(2) + static_cast<size_t>(part.low[2] - around.low[2])]);
       }
+    });
+  };
+  rows_of(around, [&](const uint16_t* cells, int16_t* row) {
+    const auto is_obstacle = [&](size_t i) { return IsObstacle(static_cast<Occupancy>(cells[i] >> kDistanceBits)); };
+    WithinRow(size(2), is_obstacle, row);
+  });
+  const auto begin = [&](size_t i) { return static_cast<size_t>(box.low[i] - around.low[i]); };
+  const auto length = [&](size_t i) { return static_cast<size_t>(box.high[i] - box.low[i] + 1); };
+  squares = AcrossRows(squares, size(0), size(1), size(2), begin(1), length(1));
+  squares = AcrossRows(squares, 1, size(0), size(1) * size(2), begin(0), length(0));
+  rows_of(box, [&](uint16_t* cells, const int16_t* row) {
+    for (int i = 0; i <= box.high[2] - box.low[2]; ++i) {
+      cells[i] = static_cast<uint16_t>((cells[i] & ~kDistanceMask) | std::min<unsigned>(row[i], kMaxSquared));
     }
-  }
+  });
 }
 
 VoxelBox DistanceField::Update(const LiveOccupancy& occupancy, const LiveOccupancy::Change& change,
@@ -211,23 +247,14 @@ VoxelBox DistanceField::Update(const LiveOccupancy& occupancy, const LiveOccupan
       grid->cells[cell] =
           static_cast<uint16_t>(static_cast<unsigned>(now) << kDistanceBits | (grid->cells[cell] & kDistanceMask));
       if (IsObstacle(before) == IsObstacle(now)) continue;
-      const int x = voxel[0] - grid->box.low[0], y = voxel[1] - grid->box.low[1], z = voxel[2] - grid->box.low[2];
-      IsObstacle(now) ? transform_->occupyCell(x, y, z) : transform_->clearCell(x, y, z);
       moved.Add(voxel);
     }
   }
-  const bool square_roots = false;
-  transform_->update(square_roots);
   VoxelBox region = grid->box;
   if (!anew) region = moved.empty() ? moved : Common(Grown(moved, 0, kMaxDistanceVoxels), grid->box);
-  ReadDistances(region, grid.get());
+  FindDistances(region, grid.get());
   grid_ = std::move(grid);
   return region;
-}
-
-void DistanceField::Clear() {
-  transform_.reset();
-  grid_.reset();
 }
 
 }  // namespace acmp

@@ -182,8 +182,8 @@ class MapServerNodelet : public NodeletBase {
         &distance_thread_, names::kGetDistances,
         [this](const auto& request, auto* response) { *response = occupancy_output_->Answer(request); });
     publish_timer_ = service_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishIfDue(); });
-    occupancy_timer_ =
-        occupancy_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { occupancy_output_->PublishIfDue(); });
+    occupancy_timer_ = occupancy_thread_.MakeTimer(
+        getNodeHandle(), kMapPeriodS, [this] { occupancy_limit_.Run([this] { occupancy_output_->PublishIfDue(); }); });
     // Images and messages come and go between the points that stay: glibc keeps what they leave, a quarter of the
     // manager's memory.
     free_timer_ = status_thread_.MakeTimer(getNodeHandle(), kFreePeriodS, [] { malloc_trim(0); });
@@ -404,7 +404,7 @@ class MapServerNodelet : public NodeletBase {
   CallbackThread occupancy_thread_{report_failure_}, distance_thread_{report_failure_}, mesh_thread_{report_failure_},
       looking_thread_{report_failure_};
   static constexpr int kThreads = 2;  ///< each of what follows: mappers have work to do
-  ThreadLimit adding_limit_{kThreads}, looking_limit_{kThreads}, mesh_limit_{kThreads};
+  ThreadLimit adding_limit_{kThreads}, looking_limit_{kThreads}, mesh_limit_{kThreads}, occupancy_limit_{kThreads};
   std::unique_ptr<ImageStore> images_;
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<MapOutput> map_output_;

@@ -43,20 +43,17 @@ class NearestObstacle {
 void ExpectDistances(const DistanceGrid& grid, bool unknown_is_obstacle) {
   const NearestObstacle nearest(grid, unknown_is_obstacle);
   constexpr size_t kEvery = 97;  // a prime
-  size_t exact = 0, count = 0;
+  size_t count = 0;
   const size_t cells = grid.size(0) * grid.size(1) * grid.size(2);
   for (size_t cell = 0; cell < cells; cell += kEvery) {
     const auto at = [&](size_t i, size_t along) { return grid.box.low[i] + static_cast<int>(along % grid.size(i)); };
     const VoxelIndex voxel = {at(0, cell / grid.size(1) / grid.size(2)), at(1, cell / grid.size(2)), at(2, cell)};
     ASSERT_EQ(grid.CellOf(voxel), cell);
     const double distance = grid.DistanceAt(cell) / grid.resolution;
-    // Where it propagates from one nearest obstacle to the next, it may keep one that is hardly farther.
-    EXPECT_NEAR(distance, nearest.At(voxel), 0.5) << cell;
-    exact += std::abs(distance - nearest.At(voxel)) < 1e-3;
+    EXPECT_NEAR(distance, nearest.At(voxel), 1e-5) << cell;  // float32
     ++count;
   }
   EXPECT_GT(count, 1000u);
-  EXPECT_GE(exact, count * 99 / 100);
 }
 
 class DistanceFieldTest : public ::testing::TestWithParam<bool> {
@@ -129,7 +126,7 @@ TEST_F(DistanceFieldTest, PointsAreInterpolatedAndTheGradientIsTheSlope) {
 }
 
 TEST_F(DistanceFieldTest, MoreThanTheMemoryHoldsIsABoxAboutTheCamera) {
-  constexpr size_t kBytes = 32 * 20000;
+  constexpr size_t kBytes = 8 * 20000;
   DistanceField field(false, kBytes);
   Follow(all_, &field);
   const DistanceGrid& grid = *field.grid();

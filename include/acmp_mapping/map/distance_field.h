@@ -9,7 +9,7 @@
 
 namespace acmp {
 
-/// The greatest distance that is told, in voxels: what is farther costs time in proportion to the cube.
+/// The greatest distance that is told, in voxels: time is in proportion to it.
 constexpr int kMaxDistanceVoxels = 24;
 
 /// What a DistanceGrid says about a point.
@@ -48,14 +48,13 @@ class DistanceGrid {
   std::vector<uint16_t> cells;  ///< z first, then y: occupancy, and the squared distance in voxels
 };
 
-/// Keeps the distances of an occupancy map up to date (DynamicEDT3D: Lau, Sprunk and Burgard, Efficient Grid-Based
-/// Spatial Representations for Robot Navigation in Dynamic Environments, RAS 2013). Used by one thread at a time.
+/// Keeps the distances of an occupancy map up to date: exact ones, found anew in the box in which they may have
+/// changed, axis by axis. Used by one thread at a time.
 class DistanceField {
  public:
   /// @param unknown_is_obstacle distances are those to obstacles or to unknown space
   /// @param max_bytes of all cells: where a map has more, the grid is a box about the newest camera
   DistanceField(bool unknown_is_obstacle, size_t max_bytes);
-  ~DistanceField();
 
   /// Takes over what has changed. Returns the voxels whose distance may have changed; all, where the grid is another
   /// one.
@@ -63,24 +62,23 @@ class DistanceField {
   VoxelBox Update(const LiveOccupancy& occupancy, const LiveOccupancy::Change& change, const Eigen::Vector3d& camera,
                   uint64_t version);
   /// Frees all memory.
-  void Clear();
+  void Clear() { grid_.reset(); }
 
   /// None: before Update.
   std::shared_ptr<const DistanceGrid> grid() const { return grid_; }
 
  private:
-  struct Transform;
   bool IsObstacle(Occupancy occupancy) const {
     return occupancy == Occupancy::kOccupied || (unknown_is_obstacle_ && occupancy == Occupancy::kUnknown);
   }
   /// Whether the grid has what is known, or, if that is too much, enough about the camera.
   bool Covers(const VoxelBox& known, const VoxelIndex& camera) const;
   void Restart(const OccupancyMap& map, const VoxelBox& known, const VoxelIndex& camera);
-  void ReadDistances(const VoxelBox& box, DistanceGrid* grid) const;
+  /// In a part of the grid, by its occupancy.
+  void FindDistances(const VoxelBox& box, DistanceGrid* grid) const;
 
   const bool unknown_is_obstacle_;
   const size_t max_cells_;
-  std::unique_ptr<Transform> transform_;
   std::shared_ptr<const DistanceGrid> grid_;
 };
 
