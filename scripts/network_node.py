@@ -12,9 +12,8 @@ publishes with the image's stamp and frame. Images that come while the network i
 with overload: block they wait, in at most 1 GiB. /diagnostics tells. Pictures of image_transport:=compressed are JPEG or
 PNG, of the size that topic camera_info says. Parameter ~threads: of a CPU, 0 (default): all of them.
 
-Needs ONNX Runtime (pip install onnxruntime, or onnxruntime-gpu), numpy, PIL, and for pictures the Python module
-acmp_mapping.offline, which this package builds. Exit code 2: what is wrong with the
-file or the network; the mapper goes on without.
+Needs ONNX Runtime (pip install onnxruntime, or onnxruntime-gpu), numpy, PIL, and the Python module of this package. Exit code 2:
+what is wrong with the file or the network; the mapper goes on without.
 """
 import argparse
 import collections
@@ -46,17 +45,6 @@ KEYS = {"file": (REQUIRED, str), "source": (None, str), "licence": (None, str), 
         "threshold": (None, float, -math.inf, math.inf), "ignore": (None, list, None, int, 0, 65535), "grow": (0, int, 0, 100)}
 DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 BILINEAR, NEAREST = PIL.Image.BILINEAR, PIL.Image.NEAREST
-# Encodings of raw images, without their number of bits: numbers of a pixel.
-CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4, "yuv422": 2, "yuv422_yuy2": 2, "bayer_rggb": 1,
-            "bayer_bggr": 1, "bayer_gbrg": 1, "bayer_grbg": 1}
-ALIASES = {"8uc1": "mono8", "8uc3": "bgr8", "8uc4": "bgra8", "uyvy": "yuv4228", "yuv422": "yuv4228",
-           "yuyv": "yuv422_yuy28", "yuv422_yuy2": "yuv422_yuy28", "iyuv": "i420", "yuv420": "i420", "yuv420p": "i420"}
-# YUV 4:2:0, below the grey image: planes of chroma, and which part of it is u and v.
-YUV420 = {"nv12": (1, "uv"), "nv21": (1, "vu"), "i420": (2, "uv"), "yv12": (2, "vu")}
-# Cameras give 16 to 235 in luma and 16 to 240 in chroma; a JPEG's YCbCr uses all of 0 to 255.
-LUMA = np.clip(np.round((np.arange(256) - 16) * 255 / 219), 0, 255).astype(np.uint8)
-CHROMA = np.clip(np.round((np.arange(256) - 128) * 255 / 224 + 128), 0, 255).astype(np.uint8)
-
 WAITING_BYTES = 1 << 30  # of images that wait with overload: block
 UNTOLD_PIXELS = 1 << 24  # of a picture whose size no camera_info has told
 # In the sources, and where the package is installed.
@@ -310,107 +298,37 @@ class Network:
         return to_mask(self.description, output, (rgb.shape[1], rgb.shape[0]))
 
 
-class ImageReader:
-    """RGB, uint8, of each sensor_msgs/Image of a topic, in the encodings that the mapper takes."""
-
-    def __init__(self):
-        self.used_bits = 8  # of 16, of the brightest pixel so far: cameras of 10 or 12 bits leave the upper ones 0
-
-    def read(self, image):
-        name = image.encoding.lower()
-        encoding = ALIASES.get(name, name)
-        if encoding in YUV420:
-            return rgb_of_yuv420(image, *YUV420[encoding])
-        wide = encoding.endswith("16")
-        base = encoding[:-2] if wide else encoding[:-1]
-        if base not in CHANNELS or not (wide or encoding.endswith("8")):
-            raise Refused(f"image encoding {image.encoding}: must be mono, rgb, bgr, rgba, bgra or bayer of 8 or 16 bits, "
-                          f"yuv422 (uyvy), yuv422_yuy2 (yuyv), {', '.join(YUV420)}, 8UC1, 8UC3 or 8UC4")
-        row_bytes = image.width * CHANNELS[base] * (2 if wide else 1)
-        if min(image.width, image.height) < 2 or image.step < row_bytes or len(image.data) < image.step * image.height:
-            raise Refused(f"{described(image)}: needs 2 x 2 px, a step of {row_bytes} and "
-                          f"{max(image.step, row_bytes) * image.height} bytes")
-        rows = np.frombuffer(image.data, np.uint8, image.step * image.height).reshape(image.height, image.step)
-        pixels = rows[:, :row_bytes].reshape(image.height, image.width, -1)
-        if wide:
-            pixels = self.eight_bits(np.ascontiguousarray(pixels).view(">u2" if image.is_bigendian else "<u2"))
-        if base.startswith("bayer_"):
-            return rgb_of_mosaic(pixels[:, :, 0], base[len("bayer_"):])
-        if base.startswith("yuv422"):
-            return rgb_of_yuv422(pixels, 0 if base.endswith("yuy2") else 1)
-        if base == "mono":
-            return np.repeat(pixels, 3, 2)
-        return np.ascontiguousarray(pixels[:, :, 2::-1] if base.startswith("bgr") else pixels[:, :, :3])
-
-    def eight_bits(self, numbers):
-        """The upper 8 of the bits that are used, as the mapper takes them."""
-        self.used_bits = max(self.used_bits, int(numbers.max()).bit_length())
-        return (numbers >> (self.used_bits - 8)).astype(np.uint8)
-
-
-def described(image):
-    return (f"image of {image.width} x {image.height} px, encoding {image.encoding}, step {image.step}, with "
-            f"{len(image.data)} bytes")
-
-
-def rgb_of_mosaic(mosaic, pattern):
-    """Of a Bayer mosaic: the colour of each 2 x 2 pixels for all of them. Networks shrink images anyway."""
-    height, width = mosaic.shape
-    cells = {}
-    for color, row, col in zip(pattern, (0, 0, 1, 1), (0, 1, 0, 1)):
-        cells.setdefault(color, []).append(mosaic[row:height - height % 2:2, col:width - width % 2:2])
-    rgb = np.stack([np.mean(cells[color], 0) for color in "rgb"], 2).astype(np.uint8)
-    return np.pad(rgb.repeat(2, 0).repeat(2, 1), ((0, height % 2), (0, width % 2), (0, 0)), "edge")
-
-
-def rgb_of_yuv422(pixels, luma):
-    """Of height x width x 2 bytes: luma in one of them, u and v by turns in the other."""
-    if pixels.shape[1] % 2:
-        raise Refused(f"yuv422 image with a width of {pixels.shape[1]} px: must be even")
-    chroma = pixels[:, :, 1 - luma]
-    return rgb_of_planes(pixels[:, :, luma], chroma[:, 0::2].repeat(2, 1), chroma[:, 1::2].repeat(2, 1))
-
-
-def rgb_of_yuv420(image, planes, order):
-    """Of a grey image and, below it, u and v of each 2 x 2 pixels: by turns in one plane, or in two. The message's height
-    is that of the image, or of all rows."""
-    step, rows = image.step, 2 * len(image.data) // (3 * max(image.step, 1))
-    if rows not in (image.height, 2 * image.height // 3) or 2 * len(image.data) != 3 * rows * step or rows % 2 \
-            or image.width % 2 or step % 2 or not 2 <= image.width <= step or rows < 2:
-        raise Refused(f"{described(image)}: needs an even width, height and step, and {3 * image.height * step // 2} bytes")
-    data = np.frombuffer(image.data, np.uint8)
-    luma, chroma = data[:rows * step].reshape(rows, step)[:, :image.width], data[rows * step:]
-    if planes == 1:
-        chroma = chroma.reshape(rows // 2, step)[:, :image.width].reshape(rows // 2, -1, 2).transpose(2, 0, 1)
-    else:
-        chroma = chroma.reshape(2, rows // 2, step // 2)[:, :, :image.width // 2]
-    parts = dict(zip(order, chroma.repeat(2, 1).repeat(2, 2)))
-    return rgb_of_planes(luma, parts["u"], parts["v"])
-
-
-def rgb_of_planes(luma, u, v):
-    planes = [PIL.Image.fromarray(np.ascontiguousarray(plane)) for plane in (LUMA[luma], CHROMA[u], CHROMA[v])]
-    return np.asarray(PIL.Image.merge("YCbCr", planes).convert("RGB"))
-
-
-def picture_decoder():
-    """decode_image of acmp_mapping.offline, the mapper's own. Not PIL's: that tries dozens of formats on what a sender calls a
-    JPEG, and starts other programs for some."""
+def decoders():
+    """The mapper's own. Not PIL's: that tries dozens of formats on what a sender calls a JPEG, and starts other programs for
+    some."""
     try:
-        from acmp_mapping import offline  # pylint: disable=import-outside-toplevel
+        from acmp_mapping import _offline  # pylint: disable=import-outside-toplevel
     except ImportError as error:
-        raise Refused("the Python module acmp_mapping.offline is missing (source the workspace's setup.bash; built with "
+        raise Refused("the Python module of acmp_mapping is missing (source the workspace's setup.bash; built with "
                       f"ACMP_PYTHON=ON): {error}") from error
-    return offline.decode_image
+    return _offline
+
+
+@contextlib.contextmanager
+def refusals(name):
+    """What a decoder refuses, as Refused. `name`: of the image."""
+    try:
+        yield
+    except (ValueError, RuntimeError, MemoryError) as error:
+        raise Refused(str(error) or f"{name}: no memory") from error
 
 
 def decoded(data, size=None, max_pixels=1 << 28):
     """RGB, uint8, of the bytes of a JPEG or PNG, as it is stored (whatever its EXIF says of its orientation). `size`: width
     and height that its header must say."""
-    try:
-        return picture_decoder()(bytes(data), size=size, max_pixels=max_pixels, name=f"picture of {len(data)} bytes")
-    except (ValueError, RuntimeError, MemoryError) as error:
-        raise Refused(str(error) or f"picture of {len(data)} bytes: no memory") from error
+    name = f"picture of {len(data)} bytes"
+    with refusals(name):
+        return decoders().decode_image(name, bytes(data), size, max_pixels)
+
+
+def raw_decoded(decoder, image):
+    """The same of a sensor_msgs/Image, in the encodings that the mapper takes."""
+    return decoder.decode(image.encoding, image.width, image.height, image.step, bool(image.is_bigendian), bytes(image.data))
 
 
 def image_size(info):
@@ -454,7 +372,7 @@ class Node:
     newest, or with overload: block all, and then the newest that fit in WAITING_BYTES."""
 
     def __init__(self, network, ros):
-        self.network, self.ros, self.reader = network, ros, ImageReader()
+        self.network, self.ros, self.reader = network, ros, decoders().RawImageDecoder()
         mapper = ros.rospy.get_param("dense_mapper", {})
         self.condition = threading.Condition()
         self.waiting, self.waiting_bytes = collections.deque(), 0
@@ -468,7 +386,6 @@ class Node:
             if topic == ros.rospy.get_namespace() + own:
                 topic = ros.rospy.resolve_name("image")
                 topic += "" if topic.endswith("/compressed") else "/compressed"  # a name that ends so is the whole one
-            picture_decoder()
             self.infos = ros.rospy.Subscriber("camera_info", ros.CameraInfo, self.receive_info, queue_size=1)
         self.publisher = ros.rospy.Publisher("prior_depth" if network.description.is_depth else "mask", ros.Image,
                                              queue_size=30)
@@ -504,7 +421,8 @@ class Node:
                 self.waiting_bytes -= len(message.data)
             start = time.monotonic()
             try:
-                rgb = self.decode(message) if hasattr(message, "format") else self.reader.read(message)
+                with refusals("image"):
+                    rgb = self.decode(message) if hasattr(message, "format") else raw_decoded(self.reader, message)
                 self.publish(message.header, self.network.run(rgb))
             except (Exception, SystemExit) as error:  # an image, or what the network makes of it: the next may be better
                 self.counts["refused"] += 1

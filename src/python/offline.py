@@ -20,7 +20,7 @@ from acmp_mapping import _offline
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike  # numpy 1.20: Debian 11 has 1.19
 
-__all__ = ["Cloud", "ImageResult", "Reconstruction", "decode_image", "evaluate_cloud", "evaluate_depth", "read_scene", "reconstruct"]
+__all__ = ["Cloud", "ImageResult", "Reconstruction", "evaluate_cloud", "evaluate_depth", "read_scene", "reconstruct"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,25 +274,6 @@ def read_scene(folder: str, *, format: str = "auto", pixel_centers: str = "integ
       ValueError: names file, line and value of what is missing, damaged or out of bounds."""
     scene = _offline.read_scene(str(folder), format, pixel_centers, str(masks), str(prior_depth), str(image_path))
     return {**scene, "K": np.stack(scene["K"]), "cam_from_world": np.stack(scene["cam_from_world"])}
-
-
-def decode_image(content: bytes, *, size: Optional[Tuple[int, int]] = None, max_pixels: int = 1 << 28,
-                 name: str = "picture") -> np.ndarray:
-    """Decodes a PNG or a JPEG as acmp_reconstruct does; nothing else is tried. What it may be is compared with its header
-    before memory is asked for.
-
-    Args:
-      content: of the file.
-      size: (width, height) that it must have; None: any.
-      max_pixels: width times height at most.
-      name: for messages.
-
-    Returns:
-      (height, width, 3) uint8, RGB, as it is stored (whatever its EXIF says of its orientation); of 16 bits the upper 8.
-
-    Raises:
-      ValueError: another kind of file, damaged, or of another size."""
-    return _offline.decode_image(name, content, size, max_pixels)
 
 
 def evaluate_depth(depth: ArrayLike, truth: ArrayLike, mask: Optional[ArrayLike] = None) -> dict[str, Any]:

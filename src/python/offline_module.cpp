@@ -20,6 +20,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/dataset/raw_image.h"
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/evaluation/depth_metrics.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
@@ -328,6 +329,13 @@ py::array DecodeImage(const std::string& name, const py::bytes& content, const s
   return ToNumpy<uint8_t>(std::move(image));
 }
 
+/// RGB of a raw image's bytes: (height, width, 3).
+py::array DecodeRaw(RawImageDecoder* decoder, const std::string& encoding, uint32_t width, uint32_t height,
+                    uint32_t step, bool big_endian, const py::bytes& data) {
+  const cv::Mat rgb = decoder->Decode({encoding, width, height, step, big_endian, std::string_view(data)});
+  return py::array_t<uint8_t>({rgb.rows, rgb.cols, rgb.channels()}, rgb.data);
+}
+
 py::dict EvaluateDepthMap(const Doubles& depth, const Doubles& truth, const std::optional<Bytes>& mask) {
   const DepthMap estimate = ToMap<float>(depth), true_depth = ToMap<float>(truth);
   const Mask region = ToMask(mask);
@@ -374,6 +382,7 @@ PYBIND11_MODULE(_offline, module) {
   module.def("reconstruct", &ReconstructArrays);
   module.def("read_scene", &ReadScene);
   module.def("decode_image", &DecodeImage);
+  py::class_<acmp::RawImageDecoder>(module, "RawImageDecoder").def(py::init<>()).def("decode", &DecodeRaw);
   module.def("evaluate_depth", &EvaluateDepthMap);
   module.def("evaluate_cloud", &EvaluatePoints);
 }

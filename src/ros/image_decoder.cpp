@@ -4,93 +4,13 @@
 #include <string_view>
 
 #include <sensor_msgs/image_encodings.h>
-#include <boost/algorithm/string/predicate.hpp>
-#include <opencv2/imgproc.hpp>
+#include <opencv2/core.hpp>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 
 namespace acmp {
 namespace {
-
-namespace encodings = sensor_msgs::image_encodings;
-
-/// An encoding of 8 bits and what makes RGB of it.
-struct PixelFormat {
-  const char* name;
-  int channels;
-  int conversion;                   ///< of cv::cvtColor
-  const char* taken_for = nullptr;  ///< what the name leaves open; null: nothing
-  int chroma_planes = 0;            ///< below the grey image, a quarter of its pixels for each colour (YUV 4:2:0)
-};
-
-constexpr int kNone = -1;
-// OpenCV names a Bayer pattern after its second row and column. As 8UC* cv_bridge names OpenCV's images when it is not
-// told more; OpenCV has blue first.
-constexpr PixelFormat kFormats[] = {{"mono8", 1, cv::COLOR_GRAY2RGB},
-                                    {"rgb8", 3, kNone},
-                                    {"bgr8", 3, cv::COLOR_BGR2RGB},
-                                    {"rgba8", 4, cv::COLOR_RGBA2RGB},
-                                    {"bgra8", 4, cv::COLOR_BGRA2RGB},
-                                    {"bayer_rggb8", 1, cv::COLOR_BayerBG2RGB},
-                                    {"bayer_bggr8", 1, cv::COLOR_BayerRG2RGB},
-                                    {"bayer_gbrg8", 1, cv::COLOR_BayerGR2RGB},
-                                    {"bayer_grbg8", 1, cv::COLOR_BayerGB2RGB},
-                                    {"yuv422", 2, cv::COLOR_YUV2RGB_UYVY},
-                                    {"uyvy", 2, cv::COLOR_YUV2RGB_UYVY},
-                                    {"yuv422_yuy2", 2, cv::COLOR_YUV2RGB_YUY2},
-                                    {"yuyv", 2, cv::COLOR_YUV2RGB_YUY2},
-                                    {"nv12", 1, cv::COLOR_YUV2RGB_NV12, nullptr, 1},
-                                    {"nv21", 1, cv::COLOR_YUV2RGB_NV21, nullptr, 1},
-                                    {"i420", 1, cv::COLOR_YUV2RGB_I420, nullptr, 2},
-                                    {"iyuv", 1, cv::COLOR_YUV2RGB_I420, nullptr, 2},
-                                    {"yuv420", 1, cv::COLOR_YUV2RGB_I420, "i420", 2},
-                                    {"yuv420p", 1, cv::COLOR_YUV2RGB_I420, "i420", 2},
-                                    {"yv12", 1, cv::COLOR_YUV2RGB_YV12, nullptr, 2},
-                                    {"8UC1", 1, cv::COLOR_GRAY2RGB, "mono8"},
-                                    {"8UC3", 3, cv::COLOR_BGR2RGB, "bgr8"},
-                                    {"8UC4", 4, cv::COLOR_BGRA2RGB, "bgra8"}};
-
-/// The same encoding with 8 bits: "mono8" of "mono16". Empty: it has not 16 bits.
-std::string WithEightBits(const std::string& encoding) {
-  if (!boost::algorithm::ends_with(encoding, "16")) return "";
-  return encoding.substr(0, encoding.size() - 2) + "8";
-}
-
-const PixelFormat& FindFormat(const std::string& name, const std::string& encoding) {
-  for (const PixelFormat& format : kFormats) {
-    if (boost::algorithm::iequals(encoding, format.name)) return format;
-  }
-  const bool depth = encoding == encodings::TYPE_16UC1 || encoding == encodings::TYPE_32FC1;
-  throw InvalidInputError(Concat(
-      name, depth ? ": is it a depth map? It must be" : ": must be",
-      " mono, rgb, bgr, rgba, bgra or bayer of 8 or 16 bits, yuv422 (uyvy), yuv422_yuy2 (yuyv), nv12, nv21, i420, "
-      "yv12, 8UC1, 8UC3 or 8UC4; a grey image of 16 bits is mono16"));
-}
-
-/// The grey image and below it the colours, in rows without gaps, as OpenCV takes YUV 4:2:0. In messages the height is
-/// that of the image, or of all rows.
-cv::Mat PackYuv420(const std::string& name, const sensor_msgs::Image& raw, int chroma_planes) {
-  const uint64_t rows = 2 * uint64_t{raw.data.size()} / (3 * std::max<uint64_t>(raw.step, 1));
-  const uint64_t needed = rows * raw.step + rows / 2 * raw.step;
-  const uint64_t of_height = raw.height + uint64_t{raw.height} / 2;
-  if ((rows != raw.height && rows + rows / 2 != raw.height) || needed != raw.data.size()) {
-    throw InvalidInputError(Concat(name, ": must have ", of_height * raw.step, " bytes, one and a half of a pixel's"));
-  }
-  if (raw.width % 2 != 0 || rows % 2 != 0 || (chroma_planes == 2 && raw.step % 2 != 0)) {
-    throw InvalidInputError(Concat(name, ": width, height and step must be even"));
-  }
-  if (raw.step < raw.width) throw InvalidInputError(Concat(name, ": must have a step of at least ", raw.width));
-  const int width = static_cast<int>(raw.width), height = static_cast<int>(rows);
-  auto* data = const_cast<uint8_t*>(raw.data.data());  // never written to
-  cv::Mat packed(height + height / 2, width, CV_8U);
-  cv::Mat(height, width, CV_8U, data, raw.step).copyTo(packed.rowRange(0, height));
-  const int split = chroma_planes;  // two planes: two rows of colour in one of the grey image
-  cv::Mat colours = packed.rowRange(height, packed.rows).reshape(1, split * height / 2);
-  cv::Mat(colours.rows, colours.cols, CV_8U, data + rows * raw.step, raw.step / static_cast<size_t>(split))
-      .copyTo(colours);
-  return packed;
-}
 
 bool IsGrey(const ColorImage& image) {
   return std::all_of(image.begin(), image.end(), [](const Rgb& p) { return p.r == p.g && p.g == p.b; });
@@ -101,30 +21,8 @@ bool IsGrey(const ColorImage& image) {
 cv::Mat ImageDecoder::Decode(const EncodedImage& image, const PinholeCamera* camera) {
   if (image.compressed) return DecodeCompressed(*image.compressed, camera);
   const sensor_msgs::Image& raw = *image.raw;
-  const std::string name = Concat("image encoding \"", raw.encoding, "\" (", raw.width, "x", raw.height, ", step ",
-                                  raw.step, ", ", raw.data.size(), " bytes)");
-  CheckImageSides(name, raw);
-  const std::string eight_bits = WithEightBits(raw.encoding);
-  const PixelFormat& format = FindFormat(name, eight_bits.empty() ? raw.encoding : eight_bits);
-  const uint64_t needed = uint64_t{raw.height} * raw.step;
-  if (format.chroma_planes == 0 && raw.data.size() != needed) {
-    throw InvalidInputError(Concat(name, ": must have ", needed, " bytes"));
-  }
-  if (format.taken_for) note_ = Concat("images of encoding \"", raw.encoding, "\" are taken for ", format.taken_for);
-  if (format.chroma_planes > 0) return Convert(name, raw.encoding, PackYuv420(name, raw, format.chroma_planes));
-  const uint64_t row_bytes = uint64_t{raw.width} * format.channels * (eight_bits.empty() ? 1 : 2);
-  if (raw.step < row_bytes) throw InvalidInputError(Concat(name, ": must have a step of at least ", row_bytes));
-  const int depth = eight_bits.empty() ? CV_8U : CV_16U;
-  cv::Mat pixels(static_cast<int>(raw.height), static_cast<int>(raw.width), CV_MAKETYPE(depth, format.channels),
-                 const_cast<uint8_t*>(raw.data.data()), raw.step);  // never written to
-  if (!eight_bits.empty() && (raw.is_bigendian != 0) != kBigEndianHost) {
-    pixels = pixels.clone();
-    for (auto* number = pixels.ptr<uint16_t>(); number != pixels.ptr<uint16_t>() + pixels.total() * format.channels;
-         ++number) {
-      *number = static_cast<uint16_t>(*number << 8 | *number >> 8);
-    }
-  }
-  return Convert(name, raw.encoding, pixels);
+  return raw_.Decode({raw.encoding, raw.width, raw.height, raw.step, raw.is_bigendian != 0,
+                      std::string_view(reinterpret_cast<const char*>(raw.data.data()), raw.data.size())});
 }
 
 cv::Mat ImageDecoder::DecodeCompressed(const sensor_msgs::CompressedImage& image, const PinholeCamera* camera) {
@@ -137,54 +35,19 @@ cv::Mat ImageDecoder::DecodeCompressed(const sensor_msgs::CompressedImage& image
   }
   // image_transport: "bayer_rggb8; jpeg compressed ", where the picture is the mosaic.
   const std::string encoding = image.format.substr(0, std::min(image.format.find(';'), image.format.size()));
-  const bool mosaic = encodings::isBayer(encoding);
+  const std::string eight_bits = WithEightBits(encoding);
+  const bool mosaic = sensor_msgs::image_encodings::isBayer(encoding);
   if (IsPng16(content)) {
     Image<uint16_t> grey = DecodePng16(name, content);
-    return Convert(name, mosaic && boost::algorithm::ends_with(encoding, "16") ? encoding : encodings::MONO16,
-                   cv::Mat(grey.height(), grey.width(), CV_16U, grey.data()));
+    return raw_.Convert(name, mosaic && !eight_bits.empty() ? encoding : "mono16",
+                        cv::Mat(grey.height(), grey.width(), CV_16U, grey.data()));
   }
   ColorImage rgb = DecodeColorImage(name, content);
   const cv::Mat pixels(rgb.height(), rgb.width(), CV_8UC3, rgb.data());
   if (!mosaic || !IsGrey(rgb)) return pixels.clone();
   cv::Mat grey;
   cv::extractChannel(pixels, grey, 0);
-  return Convert(name, boost::algorithm::ends_with(encoding, "16") ? WithEightBits(encoding) : encoding, grey);
-}
-
-cv::Mat ImageDecoder::Convert(const std::string& name, const std::string& encoding, const cv::Mat& pixels) {
-  const bool wide = pixels.depth() == CV_16U;
-  const PixelFormat& format = FindFormat(name, wide ? WithEightBits(encoding) : encoding);
-  if (format.channels == 2 && pixels.cols % 2 != 0) {
-    throw InvalidInputError(Concat(name, ": a width of ", pixels.cols, " px: must be even"));
-  }
-  const cv::Mat narrow = wide ? ToEightBits(encoding, pixels) : pixels;
-  if (format.conversion == kNone) return narrow.clone();
-  cv::Mat rgb;
-  try {
-    cv::cvtColor(narrow, rgb, format.conversion);
-  } catch (const cv::Exception& error) {  // such as a mosaic of one pixel
-    throw InvalidInputError(Concat(name, ": ", error.what()));
-  }
-  return rgb;
-}
-
-cv::Mat ImageDecoder::ToEightBits(const std::string& encoding, const cv::Mat& pixels) {
-  double most = 0;
-  cv::minMaxIdx(pixels.reshape(1), nullptr, &most);
-  while (used_bits_ < 16 && most >= 1 << used_bits_) ++used_bits_;
-  note_.clear();
-  if (used_bits_ < 16) {
-    note_ = Concat("images of encoding \"", encoding, "\" use ", used_bits_,
-                   " of their 16 bits, and the upper 8 of these are taken");
-  }
-  cv::Mat narrow(pixels.size(), CV_8UC(pixels.channels()));
-  const int shift = used_bits_ - 8;
-  for (int row = 0; row < pixels.rows; ++row) {
-    const auto* from = pixels.ptr<uint16_t>(row);
-    std::transform(from, from + pixels.cols * pixels.channels(), narrow.ptr<uint8_t>(row),
-                   [shift](uint16_t value) { return static_cast<uint8_t>(value >> shift); });
-  }
-  return narrow;
+  return raw_.Convert(name, eight_bits.empty() ? encoding : eight_bits, grey);
 }
 
 cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera) {
@@ -192,10 +55,7 @@ cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera) {
 }
 
 void CheckImageSides(const std::string& name, const sensor_msgs::Image& image) {
-  constexpr int64_t kMaxImageSide = 32767;  // cv::remap, which rectifies images, has 16-bit coordinates
-  for (const uint32_t side : {image.width, image.height}) {
-    CheckRange((name + ": width or height in px").c_str(), int64_t{side}, int64_t{1}, kMaxImageSide);
-  }
+  CheckImageSides(name, image.width, image.height);
 }
 
 }  // namespace acmp

@@ -16,6 +16,7 @@
 #include <sensor_msgs/PointCloud2.h>
 #include <opencv2/core/mat.hpp>
 
+#include "acmp_mapping/dataset/raw_image.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/geometry/lens.h"
 #include "acmp_mapping/image/mask.h"
@@ -45,17 +46,12 @@ class ImageDecoder {
   cv::Mat Decode(const EncodedImage& image, const PinholeCamera* camera = nullptr);
 
   /// What was assumed of the images so far; empty: nothing.
-  const std::string& note() const { return note_; }
+  const std::string& note() const { return raw_.note(); }
 
  private:
   cv::Mat DecodeCompressed(const sensor_msgs::CompressedImage& image, const PinholeCamera* camera);
-  /// Pixels in memory, with the bytes of each number as they are on this machine if it has 16 bits.
-  cv::Mat Convert(const std::string& name, const std::string& encoding, const cv::Mat& pixels);
-  /// The upper 8 of the bits that images use so far.
-  cv::Mat ToEightBits(const std::string& encoding, const cv::Mat& pixels);
 
-  int used_bits_ = 8;  ///< of 16, of the brightest pixel so far
-  std::string note_;
+  RawImageDecoder raw_;
 };
 
 /// The same of a single image.
