@@ -7,9 +7,8 @@
 
 The kind of file is told by its keys: VINS (model_type), ORB-SLAM2 and 3 and stella_vslam (Camera.fx, Camera1.fx, Camera),
 OV2SLAM (Camera.fxl), Kalibr (cam0), SVO (cam_model), OKVIS, SVO and maplab (cameras, sensors), EuRoC or Kimera-VIO
-(intrinsics), basalt (value0), OpenCV, ROVIO or camera_calibration (camera_matrix; as XML or INI, too), a camera_info as
-`rostopic echo` prints it (K), and ZED's SN*.conf (of the size that --size says). Lens models become
-plumb_bob, rational_polynomial, equidistant, mei (of VINS' MEI and Kalibr's omni: D is xi k1 k2 p1 p2), double_sphere
+(intrinsics), basalt (value0), OpenCV or ROVIO (camera_matrix; as XML, too), and ZED's SN*.conf (of the size that --size says).
+What camera_calibration writes calibration_file takes as it is, and a camera_info as `rostopic echo` prints it. Lens models become plumb_bob, rational_polynomial, equidistant, mei (of VINS' MEI and Kalibr's omni: D is xi k1 k2 p1 p2), double_sphere
 (xi alpha), eucm (alpha beta; UCM is that with beta 1) or equirectangular; others (FOV) are refused: rectify those images.
 Exit code 2: what the file lacks.
 """
@@ -34,6 +33,7 @@ MODELS = {"radtan": PLUMB_BOB, "radialtangential": PLUMB_BOB, "plumbbob": PLUMB_
           "kannalabrandt8": EQUIDISTANT, "none": PLUMB_BOB}
 COUNTS = {PLUMB_BOB: (4, 5), RATIONAL: (8, 8), EQUIDISTANT: (4, 4)}  # least and most coefficients
 PINHOLES = {"pinhole": PLUMB_BOB, "perspective": PLUMB_BOB}
+AS_IT_IS = "is of camera_calibration, or a camera_info: calibration_file takes it as it is"
 
 
 class Refused(Exception):
@@ -91,30 +91,24 @@ def read_xml(text):
 
 
 def read_ini(text):
-    """Sections in their order, each with its values by name: "name=value", or a name above a line or rows of numbers."""
-    sections, name = [], None
+    """Sections in their order, each with its values by name."""
+    sections = []
     for line in text.splitlines():
-        line = re.sub(r"(^|\s)[#;].*", "", line).strip()
-        header = re.fullmatch(r"\[(.*)\]", line)
+        header = re.fullmatch(r"\s*\[(.*)\]\s*", line)
         if header:
             sections.append((header.group(1), {}))
-        elif line and sections:
-            values = sections[-1][1]
-            if "=" in line:
-                name, _, line = (part.strip() for part in line.partition("="))
-                values[name] = line
-            elif re.match(r"[-+.\d]", line):
-                values.setdefault(name, []).extend(line.split())
-            else:
-                name = line
-                values[name] = []
+        elif "=" in line and sections:
+            name, _, value = (part.strip() for part in line.partition("="))
+            sections[-1][1][name] = value
     return {"ini": sections}
 
 
 def read_content(text):
     """YAML, also as OpenCV reads it: text before "%YAML:1.0" (which is no directive of YAML), tabs, and no space after a
     colon."""
-    if re.search(r"^\s*\[(image|(LEFT|RIGHT)_CAM_\w+)\]\s*$", text, re.MULTILINE):
+    if re.search(r"^\s*\[image\]\s*$", text, re.MULTILINE):
+        raise Refused(AS_IT_IS)
+    if re.search(r"^\s*\[(LEFT|RIGHT)_CAM_\w+\]\s*$", text, re.MULTILINE):
         content = read_ini(text)
     elif re.match(r"\s*<", text):
         content = read_xml(text)
@@ -339,8 +333,11 @@ def from_euroc(content, index):
 
 
 def from_matrix(content, index):
-    """OpenCV, ROVIO and camera_calibration; also what is to be written of rectification."""
+    """OpenCV and ROVIO."""
     named = {plain(name): name for name in content.values}
+
+    if "projectionmatrix" in named or "k" in named:
+        raise Refused(AS_IT_IS)
 
     def first(*names):
         """The file's name of the first that it has, however it is written."""
@@ -348,44 +345,26 @@ def from_matrix(content, index):
     matrix_name = first(f"m{index + 1}", f"k{index + 1}")
     if matrix_name not in content:
         of_one_camera(index)
-        matrix_name = first("camera_matrix", "k")
+        matrix_name = first("camera_matrix")
     k = content.list(matrix_name, 9)
     if k[1] != 0 or k[3] != 0 or k[6:] != [0, 0, 1]:
         raise Refused(f"camera matrix {k!r}: must be fx 0 cx, 0 fy cy, 0 0 1")
-    coefficients = content.list(first("distortion_coefficients", "distcoeffs", f"d{index + 1}", "d"))
+    coefficients = content.list(first("distortion_coefficients", "distcoeffs", f"d{index + 1}"))
     fisheye = content.number(first("fisheyemodel"), 0.0) != 0
     by_count = EQUIDISTANT if fisheye else PLUMB_BOB if len(coefficients) <= 5 else RATIONAL
-    is_message = matrix_name.lower() == "k"  # of camera_info
-    cropped = [name for name in ("binning_x", "binning_y") if content.number(name, 0.0) > 1]
-    cropped += ["roi"] if any(flattened(list(Fields(content.get("roi", {})).values.values()))) else []
-    if cropped:
-        raise Refused(f"{', '.join(cropped)}: this format cannot say it, but calibration_file takes this file as it is")
     size = [content.number(first("image_" + side, side), 0.0) for side in ("width", "height")]
-    rectification = {name: content.list(first(name, short), count) for name, short, count in (
-        ("rectification_matrix", "r", 9), ("projection_matrix", "p", 12))
-                     if plain(name) in named or (is_message and short in named)}
     return (content.get(first("cameraname"), "camera"), size, [k[0], k[4], k[2], k[5]],
-            lens(content.get(first("distortionmodel"), None) or by_count, coefficients), rectification)
+            lens(content.get(first("distortionmodel"), None) or by_count, coefficients))
 
 
 ZED_SIZES = {"2K": [2208, 1242], "FHD1200": [1920, 1200], "FHD": [1920, 1080], "HD": [1280, 720], "SVGA": [960, 600],
              "VGA": [672, 376]}
 
 
-def from_ini(content, index, size):
-    """ost.txt of camera_calibration, with one camera or two, and ZED's factory calibration, for several sizes."""
-    sections = content["ini"]
-    if not any(re.match("(LEFT|RIGHT)_CAM_", name) for name, _ in sections):
-        cameras = [(name, {**image, **values}) for (kind, image), (name, values) in zip(sections, sections[1:])
-                   if kind == "image"]
-        name, values = chosen_camera(cameras, index)
-        for side in ("width", "height"):
-            values["image_" + side] = (values.get(side) or [None])[0]
-        return from_matrix(Fields({**values, "camera_name": name, "distortion_coefficients": values.get("distortion"),
-                                   "rectification_matrix": values.get("rectification"),
-                                   "projection_matrix": values.get("projection")}), 0)
+def from_zed(content, index, size):
+    """Factory calibration, for several sizes."""
     prefix = chosen_camera(("LEFT_CAM_", "RIGHT_CAM_"), index)
-    cameras = [(name, ZED_SIZES[name[len(prefix):]], values) for name, values in sections
+    cameras = [(name, ZED_SIZES[name[len(prefix):]], values) for name, values in content["ini"]
                if name.startswith(prefix) and name[len(prefix):] in ZED_SIZES]
     of_size = [camera for camera in cameras if size in (None, camera[1])]
     if len(of_size) != 1:
@@ -400,7 +379,7 @@ def from_ini(content, index, size):
 # By a name that only these files have.
 READERS = {"model_type": from_vins, "value0": from_basalt, r"Camera\.fxl": from_ov2slam,
            r"Camera1?\.fx|Camera\.(type|model)": from_orb_slam, r"cam\d+": from_kalibr, "cam_model": from_svo,
-           "cameras|sensors": from_list, "intrinsics": from_euroc, "ini": from_ini, r"(?i)camera[\W_]*matrix|k|[mk]1": from_matrix}
+           "cameras|sensors": from_list, "intrinsics": from_euroc, "ini": from_zed, r"(?i)camera[\W_]*matrix|k|[mk]1": from_matrix}
 
 
 def convert(text, index=0, size=None):
@@ -416,12 +395,12 @@ def convert(text, index=0, size=None):
                 raise Refused(f"names the cameras' own file: convert {content[name]}")
         raise Refused("is of no known kind: there is no model_type (VINS), Camera.fx, Camera1.fx or Camera (ORB-SLAM, "
                       "stella_vslam), Camera.fxl (OV2SLAM), cam0 (Kalibr), cam_model (SVO), cameras or sensors (OKVIS, SVO, "
-                      "maplab), intrinsics (EuRoC), value0 (basalt), camera_matrix (OpenCV, ROVIO) or K (camera_info)")
-    arguments = (content, index, size) if reader is from_ini else (content, index)
-    name, of_file, intrinsics, (model, coefficients), *rectification = reader(*arguments)
+                      "maplab), intrinsics (EuRoC), value0 (basalt), camera_matrix (OpenCV, ROVIO)")
+    arguments = (content, index, size) if reader is from_zed else (content, index)
+    name, of_file, intrinsics, (model, coefficients) = reader(*arguments)
     check(size or of_file, intrinsics)
     return {"name": str(name), "size": size or of_file, "intrinsics": intrinsics, "model": model,
-            "coefficients": coefficients, **dict(*rectification)}
+            "coefficients": coefficients}
 
 
 def check(size, intrinsics):
@@ -444,8 +423,8 @@ def format_calibration(result):
         "image_width": width, "image_height": height, "camera_name": re.sub(r"\W", "_", result["name"]),
         "camera_matrix": matrix(3, [fx, 0, cx, 0, fy, cy, 0, 0, 1]), "distortion_model": result["model"],
         "distortion_coefficients": matrix(1, result["coefficients"]),
-        "rectification_matrix": matrix(3, result.get("rectification_matrix", [1, 0, 0, 0, 1, 0, 0, 0, 1])),
-        "projection_matrix": matrix(3, result.get("projection_matrix", [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0]))},
+        "rectification_matrix": matrix(3, [1, 0, 0, 0, 1, 0, 0, 0, 1]),
+        "projection_matrix": matrix(3, [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0])},
                           default_flow_style=None, sort_keys=False, width=math.inf)
 
 
