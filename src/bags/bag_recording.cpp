@@ -7,8 +7,8 @@
 #include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/lens_models.h"
 #include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/geometry/lens_models.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/ros/bag_file.h"
 #include "acmp_mapping/ros/input_conversion.h"

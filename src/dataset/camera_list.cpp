@@ -6,9 +6,9 @@
 #include <sstream>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/lens_models.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/geometry/lens.h"
+#include "acmp_mapping/geometry/lens_models.h"
 #include "input_file.h"
 
 namespace acmp {

@@ -5,7 +5,7 @@
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/lens_models.h"
+#include "acmp_mapping/geometry/lens_models.h"
 #include "scene_readers.h"
 
 namespace acmp {

@@ -2,11 +2,13 @@
 
 #include <Eigen/QR>
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <limits>
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/geometry/lens_models.h"
 
 namespace acmp {
 namespace {
@@ -14,11 +16,6 @@ namespace {
 constexpr double kHalfTurn = 180 * kRadPerDeg<double>;  // rad
 
 using Model = LensDistortion::Model;
-
-double LargestFieldOf(Model model) {
-  const bool is_plane = model == Model::kNone || model == Model::kBrownConrady || model == Model::kRational;
-  return is_plane ? 180 : 360;
-}
 
 void CheckSphere(const PinholeCamera& camera) {
   const double columns = 2 * kHalfTurn * camera.fx;
@@ -29,10 +26,48 @@ void CheckSphere(const PinholeCamera& camera) {
 
 }  // namespace
 
+const std::vector<LensModel>& LensModels() {
+  static const std::vector<LensModel> models = {
+      {Model::kBrownConrady, "plumb_bob", 4, 5, 180, true, {"plumbbob", "radtan", "radialtangential", "brownconrady"}},
+      {Model::kRational, "rational_polynomial", 4, 8, 180, true, {"rationalpolynomial", "radialtangential8"}},
+      {Model::kEquidistant,
+       "equidistant",
+       4,
+       4,
+       360,
+       true,
+       {"equidistant", "equi", "fisheye", "kannalabrandt", "kannalabrandt4", "kannalabrandt8"}},
+      {Model::kUnified, "mei", 5, 5, 360, true, {"mei", "unified", "omnidirectional", "omni", "omniradtan"}},
+      {Model::kExtendedUnified, "eucm", 2, 2, 360, false, {"eucm", "extendedunified", "enhancedunified"}},
+      {Model::kDoubleSphere, "double_sphere", 2, 2, 360, false, {"doublesphere", "ds"}},
+      {Model::kEquirectangular, "equirectangular", 0, 0, 360, false, {"equirectangular", "spherical"}}};
+  return models;
+}
+
+const LensModel& LensModelOf(LensDistortion::Model model) {
+  for (const LensModel& known : LensModels()) {
+    if (known.model == model) return known;
+  }
+  return LensModels().front();
+}
+
+const LensModel* FindLensModel(const std::string& name) {
+  std::string plain;
+  for (const unsigned char c : name) {
+    if (std::isalnum(c)) plain += static_cast<char>(std::tolower(c));
+  }
+  for (const LensModel& model : LensModels()) {
+    for (const char* known : model.names) {
+      if (plain == known) return &model;
+    }
+  }
+  return nullptr;
+}
+
 Lens::Lens(const PinholeCamera& camera, const LensDistortion& distortion, double field_of_view)
     : camera_(camera), distortion_(distortion) {
   std::copy_n(distortion.coefficients.begin(), std::min(distortion.coefficients.size(), k_.size()), k_.begin());
-  const double largest_field = LargestFieldOf(distortion.model);
+  const double largest_field = LensModelOf(distortion.model).largest_field;
   if (field_of_view != 0) CheckRange("field_of_view of this lens", field_of_view, 1.0, largest_field);
   const double wanted = 0.5 * kRadPerDeg<double> * (field_of_view != 0 ? field_of_view : largest_field);
   limit_ = wanted;
@@ -192,9 +227,7 @@ PinholeCamera Lens::Undistorted() const {
   return camera;
 }
 
-bool CanHaveRadialDistortion(Model model) {
-  return model != Model::kExtendedUnified && model != Model::kDoubleSphere && model != Model::kEquirectangular;
-}
+bool CanHaveRadialDistortion(Model model) { return LensModelOf(model).can_be_radial; }
 
 LensDistortion WithRadialDistortion(const Lens& lens, double k1, double k2) {
   const PinholeCamera& c = lens.camera();

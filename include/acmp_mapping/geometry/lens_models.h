@@ -7,11 +7,13 @@
 
 namespace acmp {
 
-/// What files and messages say of a model of LensDistortion.
+/// What a model of LensDistortion can do, and what files and messages say of it.
 struct LensModel {
   LensDistortion::Model model;
   const char* name;                ///< of camera_info; where ROS has none, ours
   size_t least, most;              ///< coefficients
+  double largest_field;            ///< deg
+  bool can_be_radial;              ///< whether its coefficients can say radial distortion
   std::vector<const char*> names;  ///< that others give it, in small letters and digits alone
 };
 
