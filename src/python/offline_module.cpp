@@ -332,7 +332,8 @@ py::array DecodeImage(const std::string& name, const py::bytes& content, const s
 /// RGB of a raw image's bytes: (height, width, 3).
 py::array DecodeRaw(RawImageDecoder* decoder, const std::string& encoding, uint32_t width, uint32_t height,
                     uint32_t step, bool big_endian, const py::bytes& data) {
-  const cv::Mat rgb = decoder->Decode({encoding, width, height, step, big_endian, std::string_view(data)});
+  const std::string bytes = data;
+  const cv::Mat rgb = decoder->Decode({encoding, width, height, step, big_endian, bytes});
   return py::array_t<uint8_t>({rgb.rows, rgb.cols, rgb.channels()}, rgb.data);
 }
 

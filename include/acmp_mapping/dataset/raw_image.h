@@ -21,7 +21,7 @@ struct RawImage {
 class RawImageDecoder {
  public:
   /// Throws InvalidInputError that names the encoding when it is none of these, and what contradicts itself.
-  cv::Mat Decode(const RawImage& image);
+  cv::Mat Decode(const RawImage& raw);
   /// The same of pixels in memory; numbers of 16 bits as this machine has them. @param name for messages
   cv::Mat Convert(const std::string& name, const std::string& encoding, const cv::Mat& pixels);
 
