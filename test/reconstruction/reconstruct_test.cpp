@@ -141,16 +141,6 @@ TEST_F(ReconstructTest, FoldersOfOthersAreNeverTouched) {
   EXPECT_TRUE(fake_.calls.empty());
 }
 
-TEST_F(ReconstructTest, OverwritingLeavesWhatOthersPutBesideTheResults) {
-  Run(&fake_);
-  WriteText("out/depth/notes.txt", "precious");
-  WriteText("out/pictures/holiday/me.jpg", "precious");
-  WriteText("out/depth/000099.pfm", "precious");
-  options_.overwrite = true;
-  Run(&fake_);
-  EXPECT_TRUE(Has("depth/notes.txt") && Has("pictures/holiday/me.jpg") && Has("depth/000099.pfm"));
-}
-
 TEST_F(ReconstructTest, AnImageThatIsWrittenDuringTheRunFailsIt) {
   fake_.on_call = [&](int call) {
     if (call == 2) WriteText("scene/images/00000003.png", ReadText(scene() / "images/00000003.png"));

@@ -90,7 +90,7 @@ TEST_F(ResumeTest, WhatOthersHavePutIntoTheFolderStays) {
   options_.colmap = true;
   Run(&fake_);
   const std::vector<std::string> theirs = {"colmap/scene.mvs",    "colmap/fused.ply",  "colmap/images/me.jpg",
-                                           "depth/notes.txt",     "depth/999999.png",  "tiles/x.ply",
+                                           "depth/notes.txt",     "depth/999999.png",  "pictures/holiday/me.jpg",
                                            "work/thesis/one.txt", "work/step_0/a.bin", "depth/000777.png/inside"};
   for (const std::string& name : theirs) WriteText("out/" + name, "precious");
   const auto expect_kept = [&] {
