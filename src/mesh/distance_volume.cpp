@@ -199,6 +199,7 @@ std::vector<VolumeBlock> BlocksAround(const std::vector<Coord>& leaves, const Fl
   }
   std::sort(blocks.begin(), blocks.end());
   blocks.erase(std::unique(blocks.begin(), blocks.end()), blocks.end());
+  blocks.shrink_to_fit();  // somebody keeps it, and it was a thousand times as long
   return blocks;
 }
 
