@@ -72,8 +72,10 @@ def upward(rotations):
 
 
 def z_points_up(rotations):
-    """Whether z of the world points up, by cameras that stand upright or look down."""
-    return bool(upward(rotations)[2] > 0.5 or np.mean(rotations[:, 2, 2]) < -0.5)
+    """Whether z of the world points up, by cameras that stand upright or look down: the rule by which the map server publishes
+    occupancy (ZPointsUp in map/occupancy_map.h)."""
+    sideways, up, backwards = np.mean(rotations[:, 2, 0] ** 2), *np.mean(-rotations[:, 2, 1:], axis=0)
+    return bool(sideways < 0.25 and (up > 0.5 or (backwards > 0.5 and up > -0.2)))
 
 
 def frame_of(x, z):

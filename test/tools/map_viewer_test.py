@@ -52,6 +52,7 @@ class Directions(unittest.TestCase):
         self.assertTrue(map_viewer.z_points_up(cameras(np.eye(3), yaws, 0.2 * yaws)))
         self.assertTrue(map_viewer.z_points_up(cameras(np.eye(3), yaws, np.full(8, np.pi / 2))))
         self.assertFalse(map_viewer.z_points_up(cameras(OPTICAL.T, yaws, 0.2 * yaws)))
+        self.assertFalse(map_viewer.z_points_up(cameras(np.eye(3), yaws, np.full(8, -1.2))))  # as the map server has it
 
     def test_a_frame_has_its_z_also_where_x_is_along_it(self):
         z = np.array([0.6, 0, 0.8])
