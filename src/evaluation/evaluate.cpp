@@ -9,6 +9,7 @@
 #include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/image/image_processing.h"
 
 namespace acmp {
 namespace {
@@ -109,21 +110,6 @@ void Check(const DepthEvaluationOptions& options) {
   CheckRange("--lowtex", options.low_texture, 0.0, 255.0);
 }
 
-// 8-bit grey values of a picture file as OpenCV's imread(IMREAD_GRAYSCALE) gives them: the luma of a JPEG, for others
-// libpng's weighted sum, rounded down.
-Image<unsigned char> ReadGray8(const fs::path& path) {
-  // 15-bit weights of red, green and blue.
-  constexpr unsigned kRed = 9797, kGreen = 19234, kBlue = 3737, kHalf = 1u << 14;
-  const std::string extension = LowerExtension(path);
-  const unsigned rounding = extension == ".jpg" || extension == ".jpeg" ? kHalf : 0;
-  const ColorImage color = ReadColorImage(path);
-  Image<unsigned char> gray(color.width(), color.height());
-  std::transform(color.begin(), color.end(), gray.begin(), [rounding](const Rgb& c) {
-    return static_cast<unsigned char>((kRed * c.r + kGreen * c.g + kBlue * c.b + rounding) >> 15);
-  });
-  return gray;
-}
-
 // Adds the true maps of a scene, of which one at a time is in memory. Returns how many there are.
 size_t AddTrueMaps(const CloudEvaluationOptions& options, const Eigen::Vector3d& origin, ObservedSurface* surface) {
   const fs::path folder = FindFolder(options.ground_truth, options.truth.folder, "--gt");
@@ -143,16 +129,11 @@ size_t AddTrueMaps(const CloudEvaluationOptions& options, const Eigen::Vector3d&
 
 }  // namespace
 
-Image<unsigned char> LowTextureMask(Image<unsigned char> picture, int width, int height, double threshold) {
+Image<unsigned char> LowTextureMask(GrayImage picture, int width, int height, double threshold) {
   constexpr int kWindow = 11;
-  cv::Mat gray(picture.height(), picture.width(), CV_8U, picture.data());
-  if (gray.cols != width || gray.rows != height) {
-    cv::Mat resized;
-    cv::resize(gray, resized, {width, height}, 0, 0, cv::INTER_AREA);
-    gray = resized;
-  }
+  if (picture.width() != width || picture.height() != height) picture = Resize(picture, width, height);
+  const cv::Mat gray = AsMat(picture);
   cv::Mat mean, mean_square;
-  gray.convertTo(gray, CV_32F);
   cv::blur(gray, mean, {kWindow, kWindow});
   cv::blur(gray.mul(gray), mean_square, {kWindow, kWindow});
   Image<unsigned char> mask(width, height);
@@ -198,7 +179,8 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
 
     const fs::path picture = options.scene / "images" / image.name;
     if (options.low_texture > 0 && fs::exists(picture)) {
-      const auto mask = LowTextureMask(ReadGray8(picture), truth.width(), truth.height(), options.low_texture);
+      const auto mask =
+          LowTextureMask(ToGray(ReadColorImage(picture)), truth.width(), truth.height(), options.low_texture);
       low_texture.Add(estimate, truth, mask, metrics.ground_truth_pixels);
     } else if (options.low_texture > 0) {
       ++without_picture;

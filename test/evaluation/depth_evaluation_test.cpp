@@ -220,9 +220,10 @@ TEST_F(EvaluateDepthTest, ReportsTheSameFiguresInEveryForm) {
 TEST(LowTextureMask, IsWhereTheDeviationIsBelowTheLimit) {
   constexpr int kEdge = 18, kReach = 5;  // windows of 11 px
   for (const int amplitude : {3, 5}) {
-    Image<unsigned char> image(37, 29, 100);  // flat, and from the edge on a checkerboard: that is its deviation
+    GrayImage image(37, 29, 100);  // flat, and from the edge on a checkerboard: that is its deviation
     for (int row = 0; row < 29; ++row) {
-      for (int col = kEdge; col < 37; ++col) image(col, row) += (row + col) % 2 == 0 ? amplitude : -amplitude;
+      for (int col = kEdge; col < 37; ++col)
+        image(col, row) += static_cast<float>((row + col) % 2 == 0 ? amplitude : -amplitude);
     }
     const Image<unsigned char> mask = LowTextureMask(image.Clone(), 37, 29, 4.0);
     for (int row = 0; row < 29; ++row) {

@@ -59,7 +59,7 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options);
 
 /// 1 where the 11x11 neighbourhood in the picture, resized to width x height, has a standard deviation below
 /// `threshold`.
-Image<unsigned char> LowTextureMask(Image<unsigned char> picture, int width, int height, double threshold);
+Image<unsigned char> LowTextureMask(GrayImage picture, int width, int height, double threshold);
 
 struct CloudEvaluationOptions {
   std::filesystem::path reconstruction;  ///< what ReadCloud reads
