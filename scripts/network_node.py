@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Runs a network in the ONNX format on images: depth for the mapper's topic prior_depth, or masks of what to ignore for its
-topic mask. A YAML file says which network and how it is fed (config/networks).
+topic mask, or classes for its topic labels. A YAML file says which network and how it is fed (config/networks).
 
     roslaunch acmp_mapping dense_mapper.launch depth_network:=midas_small.yaml mask_network:=$PWD/my_people.yaml ...
     network_node.py midas_small.yaml --images IMAGES OUT  # for acmp_reconstruct --prior-depth OUT, or --masks OUT
@@ -42,7 +42,8 @@ KEYS = {"file": (REQUIRED, str), "source": (None, str), "licence": (None, str), 
         "longer_side": (None, int, 32, 4096), "multiple_of": (None, int, 1, 512),
         "color_order": ("rgb", str, "rgb", "bgr"), "pixel_max": (1, float, 1e-9, 1e9),
         "mean": ([0, 0, 0], list, 3, float, -1e9, 1e9), "std": ([1, 1, 1], list, 3, float, 1e-9, 1e9),
-        "threshold": (None, float, -math.inf, math.inf), "ignore": (None, list, None, int, 0, 65535), "grow": (0, int, 0, 100)}
+        "threshold": (None, float, -math.inf, math.inf), "ignore": (None, list, None, int, 0, 65535),
+        "labels": (None, list, None, int, 0, 255), "grow": (0, int, 0, 100)}
 DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 BILINEAR, NEAREST = PIL.Image.BILINEAR, PIL.Image.NEAREST
 WAITING_BYTES = 1 << 30  # of images that wait with overload: block
@@ -115,11 +116,14 @@ class Description:
             self.refuse("size", "must be there, or longer_side (with multiple_of) in its place")
         if self.multiple_of is not None and self.longer_side is None:
             self.refuse("multiple_of", "is for longer_side")
-        for kind, name in (("probability", "threshold"), ("classes", "ignore")):
+        for kind, name in (("probability", "threshold"), ("classes", "labels" if self.labels else "ignore")):
             if (self.kind == kind) != (getattr(self, name) is not None):
                 self.refuse(name, f"must be there if kind is {kind}, and only then")
+        if self.labels and self.ignore:
+            self.refuse("labels", "must not be there beside ignore")
         self.is_depth = self.kind in DEPTH_KINDS
-        if self.grow and self.is_depth:
+        self.topic = "prior_depth" if self.is_depth else "labels" if self.labels else "mask"
+        if self.grow and self.topic != "mask":
             self.refuse("grow", "is for masks")
         self.file = Path(path).absolute().parent / Path(self.file).expanduser()
 
@@ -186,7 +190,7 @@ def to_depth(description, output):
 
 def to_mask(description, output, size):
     """Mask of the output (height x width, or classes x height x width), of the image's size: uint8, 0 where the image is
-    to be ignored, else 255."""
+    to be ignored, else 255; or its labels."""
     unknown = np.count_nonzero(~np.isfinite(output))
     if unknown:
         raise Refused(f"{unknown} of the network's {output.size} values are not finite")
@@ -194,6 +198,11 @@ def to_mask(description, output, size):
         ignored = resized(output.astype(np.float32), size, BILINEAR) >= description.threshold
     else:
         numbers = output.argmax(0) if output.ndim == 3 else output
+        if description.labels:
+            least, most = numbers.min(), numbers.max()
+            if not 0 <= least <= most < len(description.labels):
+                raise Refused(f"the network has classes from {least:g} to {most:g}: labels has {len(description.labels)}")
+            return resized(np.array(description.labels, np.uint8)[numbers.astype(int)], size, NEAREST)
         ignored = resized(np.isin(numbers, description.ignore).astype(np.uint8), size, NEAREST) > 0
     return np.where(grown(ignored, description.grow), 0, 255).astype(np.uint8)
 
@@ -387,8 +396,7 @@ class Node:
                 topic = ros.rospy.resolve_name("image")
                 topic += "" if topic.endswith("/compressed") else "/compressed"  # a name that ends so is the whole one
             self.infos = ros.rospy.Subscriber("camera_info", ros.CameraInfo, self.receive_info, queue_size=1)
-        self.publisher = ros.rospy.Publisher("prior_depth" if network.description.is_depth else "mask", ros.Image,
-                                             queue_size=30)
+        self.publisher = ros.rospy.Publisher(network.description.topic, ros.Image, queue_size=30)
         self.status = ros.rospy.Publisher("/diagnostics", ros.DiagnosticArray, queue_size=10)
         self.subscriber = ros.rospy.Subscriber(topic, kind, self.receive, queue_size=30, buff_size=2 ** 26)
 
@@ -503,8 +511,7 @@ def main():
         ros.rospy.init_node("network")
         signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the system's: works whatever a network does
         network = Network(Description(arguments.network), ros.rospy.get_param("~threads", 0))
-        ros.rospy.loginfo("%s on %s, to %s", arguments.network, network.device,
-                          "prior_depth" if network.description.is_depth else "mask")
+        ros.rospy.loginfo("%s on %s, to %s", arguments.network, network.device, network.description.topic)
         Node(network, ros).run()
     except Refused as error:
         if ros:

@@ -84,7 +84,9 @@ class Descriptions(TestCase):
                (dict(longer_side=320), "size: must be there, or"), (dict(size=[320, 240.0]), "size: .* whole numbers"),
                (dict(multiple_of=14), "multiple_of: is for longer_side"), (dict(kind="probability"), "threshold: must be there"),
                (dict(threshold=0.5), "threshold: .*only then"), (dict(kind="classes", ignore=[]), "ignore: \\[\\]"),
-               (dict(grow=3), "grow: is for masks")]
+               (dict(grow=3), "grow: is for masks"), (dict(kind="classes", labels=[1, 256]), "labels: .*between 0 and 255"),
+               (dict(labels=[1]), "labels: .*only then"), (dict(kind="classes", labels=[1], ignore=[0]), "beside ignore"),
+               (dict(kind="classes", labels=[1], grow=3), "grow: is for masks")]
         for changes, words in bad:
             with self.subTest(changes), self.assertRaisesRegex(node.Refused, "tiny.yaml: .*" + words):
                 self.describe(**changes)
@@ -185,6 +187,18 @@ class Arrays(TestCase):
         np.testing.assert_array_equal(node.to_mask(description, numbers, (10, 6)), expected)
         scores = (np.arange(8)[:, None, None] == numbers) * 1.0
         np.testing.assert_array_equal(node.to_mask(description, scores, (10, 6)), expected)
+
+    def test_classes_become_labels(self):
+        description = self.describe(kind="classes", labels=[9, 0, 7, 250])
+        self.assertEqual((description.topic, self.describe(kind="classes", ignore=[1]).topic), ("labels", "mask"))
+        numbers = np.array([[0, 1], [2, 3]])
+        expected = np.array([[9, 0], [7, 250]]).repeat(3, 0).repeat(5, 1)
+        for output in (numbers, numbers.astype(np.float32), (np.arange(4)[:, None, None] == numbers) * 1.0):
+            labels = node.to_mask(description, output, (10, 6))
+            np.testing.assert_array_equal(labels, expected)
+            self.assertEqual(labels.dtype, np.uint8)
+        with self.assertRaisesRegex(node.Refused, "classes from 0 to 4: labels has 4"):
+            node.to_mask(description, numbers + [[0, 0], [0, 1]], (10, 6))
 
 
 def message(encoding, array):
@@ -369,7 +383,7 @@ class Nodes(TestCase):
                 import ctypes
                 print("hangs", flush=True)
                 ctypes.PyDLL(None).pause()  # with the interpreter's lock
-            node.Description = lambda path: types.SimpleNamespace(path=path, is_depth=True)
+            node.Description = lambda path: types.SimpleNamespace(path=path, is_depth=True, topic="prior_depth")
             node.Network = lambda *_: types.SimpleNamespace(description=node.Description("x"), device="CPU", run=hang)
             sys.argv = ["network_node.py", "x"]
             node.main()
