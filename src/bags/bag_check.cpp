@@ -90,7 +90,9 @@ class TopicChooser {
     };
     chosen.mask = Find({ImageTypes().front()}, wanted.mask, "--mask", named_mask);
     const auto any = [](const BagTopic&) { return true; };
-    const auto no_mask = [&](const BagTopic& topic) { return topic.name != chosen.mask; };
+    const auto no_mask = [&](const BagTopic& topic) {
+      return topic.name != chosen.mask && !boost::algorithm::ends_with(topic.name, names::kLabels);
+    };
     const auto picture = [&](const BagTopic& topic) { return no_mask(topic) && depth_.count(topic.name) == 0; };
     chosen.image = Find(ImageTypes(), wanted.image, "--image", picture);
     if (chosen.image.empty()) chosen.image = Find(ImageTypes(), "", "--image", no_mask);

@@ -35,6 +35,7 @@ struct RecordedImage {
   const std::vector<Eigen::Vector3d>* landmarks_in_world;  ///< null: the frontend has none
   Mask mask = {};                                          ///< of the pixels; empty: none
   const Frame* right = nullptr;                            ///< of a second camera to the right; null: none
+  const LabelImage* labels = nullptr;                      ///< of the pixels; null: none
 };
 
 class BagRecorder {
@@ -50,7 +51,8 @@ class BagRecorder {
     const geometry_msgs::PoseStamped pose = ToPoseStamped(image.cam_from_world, in_world);
     writer_.Write(kImageTopic, stamp, *ToColorMessage(image.pixels, in_camera));
     if (image.right) AddRight(image, stamp);
-    if (!image.mask.empty()) writer_.Write(kMaskTopic, stamp, ToMaskMessage(image.mask, in_camera));
+    if (!image.mask.empty()) writer_.Write(kMaskTopic, stamp, ToMono8Message(image.mask, in_camera));
+    if (image.labels) writer_.Write(kLabelTopic, stamp, ToMono8Message(*image.labels, in_camera));
     writer_.Write(kCameraInfoTopic, stamp, ToCameraInfo(image.camera, image.distortion, in_camera));
     writer_.Write(kTfTopic, stamp, ToTf(pose, kCameraFrame));
     if (image.landmarks_in_world) {
@@ -134,19 +136,20 @@ RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const 
                   frame.cam_from_world,
                   &frame.landmarks_in_world,
                   {},
-                  right});
+                  right,
+                  options.labels ? &views[i].true_labels : nullptr});
   }
   return recorder.Finish();
 }
 
-sensor_msgs::Image ToMaskMessage(const Mask& mask, const std_msgs::Header& header) {
+sensor_msgs::Image ToMono8Message(const Image<unsigned char>& image, const std_msgs::Header& header) {
   sensor_msgs::Image message;
   message.header = header;
-  message.width = static_cast<uint32_t>(mask.width());
-  message.height = static_cast<uint32_t>(mask.height());
+  message.width = static_cast<uint32_t>(image.width());
+  message.height = static_cast<uint32_t>(image.height());
   message.encoding = sensor_msgs::image_encodings::MONO8;
   message.step = message.width;
-  message.data.assign(mask.data(), mask.data() + mask.size());
+  message.data.assign(image.data(), image.data() + image.size());
   return message;
 }
 

@@ -12,6 +12,7 @@
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "acmp_mapping/fusion/label_votes.h"
 #include "acmp_mapping/geometry/local_origin.h"
 #include "input_file.h"
 
@@ -19,8 +20,6 @@ namespace acmp {
 namespace {
 
 constexpr size_t kMaxPlyLine = 4096;
-constexpr size_t kRecordBytes = 7 * sizeof(float) + 3;
-constexpr size_t kWideRecordBytes = 3 * sizeof(double) + 4 * sizeof(float) + 3;  ///< with coordinates in double
 constexpr size_t kTriangleBytes = 1 + 3 * sizeof(uint32_t);
 
 /// A number type of the format: its size, and how one is read from a binary body.
@@ -158,7 +157,8 @@ void CheckRecordCount(const BinaryReader& file, bool ascii, const Element& eleme
   if (!element.properties.empty()) file.ExpectRemaining(element.count, bytes, "PLY body");
 }
 
-constexpr std::array<const char*, 10> kFields = {"x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "confidence"};
+constexpr std::array<const char*, 11> kFields = {"x",   "y",     "z",    "nx",         "ny",   "nz",
+                                                 "red", "green", "blue", "confidence", "label"};
 
 unsigned char ToByte(double value) {
   return static_cast<unsigned char>(value < 0 ? 0 : value > 255 ? 255 : value + 0.5);
@@ -171,6 +171,7 @@ SurfacePoint ToPoint(const std::array<double, kFields.size() + 1>& v, ReadOrigin
   return {FromOrigin({v[0], v[1], v[2]}, origin),
           vector(3),
           {ToByte(v[6]), ToByte(v[7]), ToByte(v[8])},
+          v[10] <= kMaxLabel ? ToByte(v[10]) : Label{0},
           static_cast<float>(v[9])};
 }
 
@@ -251,40 +252,50 @@ char* Append(char* target, const T& value) {
   return target + sizeof(T);
 }
 
+/// How points are written.
+struct Layout {
+  Eigen::Vector3d origin;   ///< unless it is zero, coordinates are in double
+  bool has_labels = false;  ///< else they have none
+
+  bool is_wide() const { return !origin.isZero(0); }
+  size_t record_bytes() const {
+    return 3 * (is_wide() ? sizeof(double) : sizeof(float)) + 4 * sizeof(float) + 3 + (has_labels ? 1 : 0);
+  }
+};
+
 /// @param comment a line of the header, or nothing
 /// @param elements lines about those after the vertices, or nothing
-std::string MakeHeader(size_t points, const Eigen::Vector3d& origin, const std::string& comment,
+std::string MakeHeader(size_t points, const Layout& layout, const std::string& comment,
                        const std::string& elements = "", const char* format = "binary_little_endian") {
-  const char* type = origin.isZero(0) ? "float" : "double";
+  const char* type = layout.is_wide() ? "double" : "float";
   return Concat("ply\nformat ", format, " 1.0\n", comment, "element vertex ", points, "\nproperty ", type,
                 " x\nproperty ", type, " y\nproperty ", type,
                 " z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty uchar red\n"
                 "property uchar green\nproperty uchar blue\nproperty float confidence\n",
-                elements, "end_header\n");
+                layout.has_labels ? "property uchar label\n" : "", elements, "end_header\n");
 }
 
-size_t RecordBytes(const Eigen::Vector3d& origin) { return origin.isZero(0) ? kRecordBytes : kWideRecordBytes; }
-
-char* AppendRecord(char* target, const SurfacePoint& point, const Eigen::Vector3d& origin) {
+char* AppendRecord(char* target, const SurfacePoint& point, const Layout& layout) {
   char* end = target;
-  if (origin.isZero(0)) {
-    end = Append(end, point.position);
-  } else {
-    const Eigen::Vector3d position = InWorld(origin, point.position);
+  if (layout.is_wide()) {
+    const Eigen::Vector3d position = InWorld(layout.origin, point.position);
     for (int axis = 0; axis < 3; ++axis) end = Append(end, position[axis]);
+  } else {
+    end = Append(end, point.position);
   }
   end = Append(end, point.normal);
   end = Append(Append(Append(end, point.color.r), point.color.g), point.color.b);
-  return Append(end, point.confidence);
+  end = Append(end, point.confidence);
+  return layout.has_labels ? Append(end, point.label) : end;
 }
 
-char* AppendRecord(char* target, const std::array<uint32_t, 3>& triangle, const Eigen::Vector3d&) {
+char* AppendRecord(char* target, const std::array<uint32_t, 3>& triangle, const Layout&) {
   return Append(Append(target, uint8_t{3}), triangle);
 }
 
 /// Writes records from a place in the file on. Returns the place after them.
 template <class Item>
-size_t WriteRecords(const std::vector<Item>& items, const Eigen::Vector3d& origin, size_t record_bytes, size_t offset,
+size_t WriteRecords(const std::vector<Item>& items, const Layout& layout, size_t record_bytes, size_t offset,
                     AtomicFile* file) {
   constexpr size_t kBlock = 1 << 18;  // records in memory at a time
   std::vector<char> records;
@@ -292,7 +303,7 @@ size_t WriteRecords(const std::vector<Item>& items, const Eigen::Vector3d& origi
     const size_t count = std::min(kBlock, items.size() - begin);
     records.resize(count * record_bytes);
     tbb::parallel_for(size_t{0}, count,
-                      [&](size_t i) { AppendRecord(records.data() + i * record_bytes, items[begin + i], origin); });
+                      [&](size_t i) { AppendRecord(records.data() + i * record_bytes, items[begin + i], layout); });
     file->WriteAt(offset, records.data(), records.size());
     file->StartWriteback(offset, records.size());
     offset += records.size();
@@ -300,25 +311,27 @@ size_t WriteRecords(const std::vector<Item>& items, const Eigen::Vector3d& origi
   return offset;
 }
 
-void WriteTextPly(const PointCloud& points, const Eigen::Vector3d& origin, AtomicFile* file) {
-  file->Write(MakeHeader(points.size(), origin, "", "", "ascii"));
-  const int digits = TextDigits(origin);
+void WriteTextPly(const PointCloud& points, const Layout& layout, AtomicFile* file) {
+  file->Write(MakeHeader(points.size(), layout, "", "", "ascii"));
+  const int digits = TextDigits(layout.origin);
   for (const SurfacePoint& p : points) {
-    const Eigen::Vector3d position = InWorld(origin, p.position);
-    file->Print("%.*g %.*g %.*g %.9g %.9g %.9g %d %d %d %.9g\n", digits, position.x(), digits, position.y(), digits,
+    const Eigen::Vector3d position = InWorld(layout.origin, p.position);
+    file->Print("%.*g %.*g %.*g %.9g %.9g %.9g %d %d %d %.9g", digits, position.x(), digits, position.y(), digits,
                 position.z(), p.normal.x, p.normal.y, p.normal.z, p.color.r, p.color.g, p.color.b, p.confidence);
+    layout.has_labels ? file->Print(" %d\n", p.label) : file->Write("\n");
   }
 }
 
 /// Vertices as the points of a cloud, then faces as lists of three vertices.
 void WritePlyMesh(const TriangleMesh& mesh, const Eigen::Vector3d& origin, AtomicFile* file) {
+  const Layout layout = {origin};
   // int and not uint: some readers know no other type here.
   const std::string header =
-      MakeHeader(mesh.vertices.size(), origin, "",
+      MakeHeader(mesh.vertices.size(), layout, "",
                  Concat("element face ", mesh.triangles.size(), "\nproperty list uchar int vertex_indices\n"));
   file->Write(header);
-  const size_t end = WriteRecords(mesh.vertices, origin, RecordBytes(origin), header.size(), file);
-  WriteRecords(mesh.triangles, origin, kTriangleBytes, end, file);
+  const size_t end = WriteRecords(mesh.vertices, layout, layout.record_bytes(), header.size(), file);
+  WriteRecords(mesh.triangles, layout, kTriangleBytes, end, file);
 }
 
 /// Vertices (v x y z red green blue, colours 0..1, which many programs read), normals and triangles.
@@ -343,12 +356,13 @@ void WriteObj(const TriangleMesh& mesh, const Eigen::Vector3d& origin, AtomicFil
 
 void WritePly(const std::filesystem::path& path, const PointCloud& points, const Eigen::Vector3d& origin, bool binary) {
   AtomicFile file(path, Durability::kPowerCut);
+  const Layout layout = {origin, HasLabels(points)};
   if (binary) {
-    const std::string header = MakeHeader(points.size(), origin, "");
+    const std::string header = MakeHeader(points.size(), layout, "");
     file.Write(header);
-    WriteRecords(points, origin, RecordBytes(origin), header.size(), &file);
+    WriteRecords(points, layout, layout.record_bytes(), header.size(), &file);
   } else {
-    WriteTextPly(points, origin, &file);
+    WriteTextPly(points, layout, &file);
   }
   file.Commit();
 }
@@ -356,14 +370,15 @@ void WritePly(const std::filesystem::path& path, const PointCloud& points, const
 std::string PlyFile::Header() const {
   constexpr size_t kMaxDigits = 20;  // of a 64-bit number
   const std::string padding(kMaxDigits - std::to_string(points_).size(), '-');
-  return MakeHeader(points_, origin_, Concat("comment ", padding, "\n"));
+  return MakeHeader(points_, {origin_}, Concat("comment ", padding, "\n"));
 }
 
 PlyFile::PlyFile(const std::filesystem::path& path, Durability durability, const Eigen::Vector3d& origin)
     : file_(path, durability), origin_(origin), end_(Header().size()) {}
 
 void PlyFile::Append(const PointCloud& points) {
-  end_ = WriteRecords(points, origin_, RecordBytes(origin_), end_, &file_);
+  const Layout layout = {origin_};
+  end_ = WriteRecords(points, layout, layout.record_bytes(), end_, &file_);
   points_ += points.size();
 }
 

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fusion/label_votes.h"
 
 namespace acmp {
 namespace {
@@ -32,8 +33,10 @@ float CoordinateOf(uint32_t step) { return static_cast<float>(static_cast<int>(s
 }  // namespace
 
 PackedCloud::PackedCloud(const PointCloud& points) : points_(points.size()) {
+  if (HasLabels(points)) labels_.resize(points.size());
   for (size_t i = 0; i < points.size(); ++i) {
     const SurfacePoint& point = points[i];
+    if (!labels_.empty()) labels_[i] = point.label;
     if (!(point.confidence >= 0 && point.confidence <= 1)) {
       throw InvalidInputError(Concat("confidence of point ", i, " = ", point.confidence, ": must be in [0, 1]"));
     }
@@ -69,6 +72,7 @@ SurfacePoint PackedCloud::operator[](size_t index) const {
   }
   point.color = {static_cast<unsigned char>(packed.red), static_cast<unsigned char>(packed.green),
                  static_cast<unsigned char>(packed.blue)};
+  point.label = labels_.empty() ? Label{0} : labels_[index];
   point.confidence = static_cast<float>(packed.confidence) / kFullConfidence;
   return point;
 }

@@ -12,6 +12,7 @@
 #include <limits>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fusion/label_votes.h"
 #include "acmp_mapping/geometry/vector_conversion.h"
 
 namespace acmp {
@@ -87,6 +88,7 @@ class VoxelMean {
     normal_ += weight * ToEigen(point.normal);
     color_ += weight * Eigen::Vector3d(point.color.r, point.color.g, point.color.b);
     confidence_ += weight * point.confidence;
+    label_votes_.Add(point.label, weight);
     if (weight > strongest_weight_) {
       strongest_weight_ = weight;
       strongest_normal_ = ToEigen(point.normal);
@@ -103,6 +105,7 @@ class VoxelMean {
     mean.color = {static_cast<unsigned char>(std::lround(color.x())),
                   static_cast<unsigned char>(std::lround(color.y())),
                   static_cast<unsigned char>(std::lround(color.z()))};
+    mean.label = label_votes_.Winner();
     mean.confidence = static_cast<float>(confidence_ / weight_);
     return mean;
   }
@@ -111,6 +114,7 @@ class VoxelMean {
   double weight_ = 0, confidence_ = 0, strongest_weight_ = 0;
   Eigen::Vector3d position_ = Eigen::Vector3d::Zero(), normal_ = Eigen::Vector3d::Zero();
   Eigen::Vector3d color_ = Eigen::Vector3d::Zero(), strongest_normal_ = Eigen::Vector3d::Zero();
+  LabelVotes label_votes_;
 };
 
 void CheckVoxelSize(float voxel_size) {

@@ -31,6 +31,19 @@ Image<T> ResizeAny(const Image<T>& image, int width, int height) {
   return resized;
 }
 
+template <class T>
+Image<T> ResizeNearest(const Image<T>& image, int width, int height) {
+  Image<T> resized(width, height);
+  for (int row = 0; row < height; ++row) {
+    const auto from_row = static_cast<int>((2 * int64_t{row} + 1) * image.height() / (2 * int64_t{height}));
+    for (int col = 0; col < width; ++col) {
+      const auto from_col = static_cast<int>((2 * int64_t{col} + 1) * image.width() / (2 * int64_t{width}));
+      resized(col, row) = image(from_col, from_row);
+    }
+  }
+  return resized;
+}
+
 }  // namespace
 
 cv::Mat AsMat(GrayImage& image) { return cv::Mat(image.height(), image.width(), CV_32FC1, image.data()); }
@@ -57,16 +70,13 @@ GrayImage ToGray(const ColorImage& color) {
 }
 
 DepthMap ResizeDepth(const DepthMap& depth, int width, int height) {
-  DepthMap resized(width, height);
-  for (int row = 0; row < height; ++row) {
-    const auto from_row = static_cast<int>((2 * int64_t{row} + 1) * depth.height() / (2 * int64_t{height}));
-    for (int col = 0; col < width; ++col) {
-      const auto from_col = static_cast<int>((2 * int64_t{col} + 1) * depth.width() / (2 * int64_t{width}));
-      const float z = depth(from_col, from_row);
-      if (z > 0 && std::isfinite(z)) resized(col, row) = z;
-    }
-  }
+  DepthMap resized = ResizeNearest(depth, width, height);
+  for (float& z : resized) z = z > 0 && std::isfinite(z) ? z : 0;
   return resized;
+}
+
+LabelImage ResizeLabels(const LabelImage& labels, int width, int height) {
+  return ResizeNearest(labels, width, height);
 }
 
 ColorImage Resize(const ColorImage& image, int width, int height) { return ResizeAny(image, width, height); }

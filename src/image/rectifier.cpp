@@ -107,6 +107,17 @@ Mask Rectifier::RemapMask(const Mask& mask, const Maps& maps) const {
   return result;
 }
 
+LabelImage Rectifier::RectifyLabels(const LabelImage& labels) const {
+  if (labels.empty()) return {};
+  CheckSize(labels.width(), labels.height());
+  if (ChangesNothing()) return labels.Clone();
+  LabelImage rectified(face_.camera.width, face_.camera.height);
+  const cv::Mat taken(labels.height(), labels.width(), CV_8U, const_cast<Label*>(labels.data()));
+  cv::Mat target(rectified.height(), rectified.width(), CV_8U, rectified.data());
+  cv::remap(taken, target, maps().x, maps().y, cv::INTER_NEAREST, Border());
+  return rectified;
+}
+
 DepthMap Rectifier::RectifyDepth(const DepthMap& depth) const {
   if (depth.empty()) return {};
   DepthMap taken = ResizeDepth(depth, lens_.camera().width, lens_.camera().height);

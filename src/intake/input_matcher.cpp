@@ -274,6 +274,7 @@ RejectedInput InputMatcher::DescribeMissingCompanion(size_t stream, int64_t stam
   if (stream == kPriorDepthStream) {
     return {"no_prior_depth", image + " goes without: no prior depth with its stamp came (" + wait};
   }
+  if (stream == kLabelStream) return {"no_labels", image + " goes without: no labels with its stamp came (" + wait};
   return {"no_source_image",
           Concat(image, " goes without source camera ", stream - kSourceStream + 1, ": no image within ",
                  ToMs(ToNs(options_.source_tolerance_s)), " ms of it came (~source_tolerance, ", wait)};

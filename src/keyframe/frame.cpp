@@ -29,7 +29,7 @@ void CheckPose(const char* name, const RigidTransform& pose) {
 
 Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
                 const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world, int max_size,
-                const Mask& mask, const DepthMap& prior_depth) {
+                const Mask& mask, const DepthMap& prior_depth, const LabelImage& labels) {
   const std::string name = Concat("frame ", id);
   CheckCamera(name, camera);
   CheckPose(name.c_str(), cam_from_world);
@@ -57,6 +57,7 @@ Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamer
   }
   frame.color = std::move(color);
   if (IgnoresSome(mask)) frame.mask = ResizeMask(mask, width, height);
+  if (!labels.empty()) frame.labels = ResizeLabels(labels, width, height);
   if (!prior_depth.empty()) frame.prior_depth = ResizeDepth(prior_depth, width, height);
   frame.landmarks_in_world =
       WithoutMasked(std::move(landmarks_in_world), frame.camera, frame.cam_from_world, frame.mask);

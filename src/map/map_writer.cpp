@@ -12,6 +12,7 @@
 #include "acmp_mapping/dataset/folder_record.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "acmp_mapping/fusion/label_votes.h"
 
 namespace acmp {
 namespace {
@@ -40,25 +41,30 @@ void CheckName(const fs::path& path, const fs::path& home) {
 
 bool IsWide(const MapCloud& map) { return !map.origin.isZero(0); }
 
-std::string PcdHeader(const MapCloud& map, const char* types, const char* data) {
+/// @param rgb type of the colours
+std::string PcdHeader(const MapCloud& map, const char* rgb, const char* data) {
+  const bool labels = HasLabels(map.points);
   std::string fields;
   for (const char* field : kPackedFields) fields += Concat(" ", field);
-  return Concat("# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS", fields, "\nSIZE ",
-                IsWide(map) ? "8 8 8" : "4 4 4", " 4 4 4 4 4\nTYPE ", types, "\nCOUNT 1 1 1 1 1 1 1 1\nWIDTH ",
-                map.points.size(), "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS ", map.points.size(), "\nDATA ", data,
-                "\n");
+  const auto with_label = [&](const char* value) { return labels ? Concat(" ", value) : ""; };
+  return Concat("# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS", fields, with_label(kPackedLabel),
+                "\nSIZE ", IsWide(map) ? "8 8 8" : "4 4 4", " 4 4 4 4 4", with_label("4"), "\nTYPE F F F ", rgb,
+                " F F F F", with_label("U"), "\nCOUNT 1 1 1 1 1 1 1 1", with_label("1"), "\nWIDTH ", map.points.size(),
+                "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS ", map.points.size(), "\nDATA ", data, "\n");
 }
 
 /// Colours are whole numbers here, as PCL writes them.
 void WriteAsciiPcd(const fs::path& path, const MapCloud& map) {
   AtomicFile file(path, Durability::kPowerCut);
-  file.Write(PcdHeader(map, "F F F U F F F F", "ascii"));
+  file.Write(PcdHeader(map, "U", "ascii"));
   const int digits = TextDigits(map.origin);
+  const bool labels = HasLabels(map.points);
   for (const SurfacePoint& p : map.points) {
     const unsigned rgb = (unsigned{p.color.r} << 16) | (unsigned{p.color.g} << 8) | p.color.b;
     const Eigen::Vector3d position = InWorld(map.origin, p.position);
-    file.Print("%.*g %.*g %.*g %u %.9g %.9g %.9g %.9g\n", digits, position.x(), digits, position.y(), digits,
+    file.Print("%.*g %.*g %.*g %u %.9g %.9g %.9g %.9g", digits, position.x(), digits, position.y(), digits,
                position.z(), rgb, p.normal.x, p.normal.y, p.normal.z, p.confidence);
+    labels ? file.Print(" %d\n", p.label) : file.Write("\n");
   }
   file.Commit();
 }
@@ -66,14 +72,15 @@ void WriteAsciiPcd(const fs::path& path, const MapCloud& map) {
 /// Point by point: PCL's writer would need the whole map twice more in memory, and takes 4 GB at most.
 void WriteBinaryPcd(const fs::path& path, const MapCloud& map) {
   AtomicFile file(path, Durability::kPowerCut);
-  file.Write(PcdHeader(map, "F F F F F F F F", "binary"));
+  file.Write(PcdHeader(map, "F", "binary"));
   constexpr size_t kFloatPosition = 3 * sizeof(float);
-  uint8_t packed[kPackedPointBytes];
+  const bool labels = HasLabels(map.points);
+  uint8_t packed[PackedPointBytes(true)];
   for (const SurfacePoint& p : map.points) {
-    PackPoints(&p, 1, packed);
+    PackPoints(&p, 1, labels, packed);
     const Eigen::Vector3d position = InWorld(map.origin, p.position);
     IsWide(map) ? file.Write(position.data(), 3 * sizeof(double)) : file.Write(packed, kFloatPosition);
-    file.Write(packed + kFloatPosition, kPackedPointBytes - kFloatPosition);
+    file.Write(packed + kFloatPosition, PackedPointBytes(labels) - kFloatPosition);
   }
   file.Commit();
 }
@@ -128,27 +135,37 @@ struct Packed {
   float x, y, z;
   uint8_t b, g, r, zero;
   float normal_x, normal_y, normal_z, confidence;
+  uint32_t label;
 };
-static_assert(sizeof(Packed) == kPackedPointBytes, "eight float32 fields");
+static_assert(sizeof(Packed) == PackedPointBytes(true), "eight float32 fields and a uint32");
 
 }  // namespace
 
-void PackPoints(const SurfacePoint* points, size_t count, uint8_t* target) {
+void PackPoints(const SurfacePoint* points, size_t count, bool labels, uint8_t* target) {
+  const size_t bytes = PackedPointBytes(labels);
   for (size_t i = 0; i < count; ++i) {
     const SurfacePoint& p = points[i];
-    const Packed packed = {p.position.x, p.position.y, p.position.z, p.color.b,   p.color.g, p.color.r, 0,
-                           p.normal.x,   p.normal.y,   p.normal.z,   p.confidence};
-    std::memcpy(target + i * kPackedPointBytes, &packed, kPackedPointBytes);
+    const Packed packed = {p.position.x, p.position.y, p.position.z, p.color.b,    p.color.g, p.color.r, 0,
+                           p.normal.x,   p.normal.y,   p.normal.z,   p.confidence, p.label};
+    std::memcpy(target + i * bytes, &packed, bytes);
   }
 }
 
-PointCloud UnpackPoints(const uint8_t* source, size_t count) {
+PointCloud UnpackPoints(const uint8_t* source, size_t count, bool labels) {
+  const size_t bytes = PackedPointBytes(labels);
   PointCloud points;
   points.reserve(count);
   for (size_t i = 0; i < count; ++i) {
-    Packed p;
-    std::memcpy(&p, source + i * kPackedPointBytes, kPackedPointBytes);
-    points.push_back({{p.x, p.y, p.z}, {p.normal_x, p.normal_y, p.normal_z}, {p.r, p.g, p.b}, p.confidence});
+    Packed p = {};
+    std::memcpy(&p, source + i * bytes, bytes);
+    if (p.label > kMaxLabel) {
+      throw InvalidInputError(Concat("label of point ", i, " = ", p.label, ": must be at most ", kMaxLabel));
+    }
+    points.push_back({{p.x, p.y, p.z},
+                      {p.normal_x, p.normal_y, p.normal_z},
+                      {p.r, p.g, p.b},
+                      static_cast<Label>(p.label),
+                      p.confidence});
   }
   return points;
 }

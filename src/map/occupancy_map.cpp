@@ -95,8 +95,12 @@ std::unique_ptr<OccupancyMap::Rays> OccupancyMap::FindRays(const PlacedKeyframe&
         keyframe.world_from_cam * (keyframe.scale * Eigen::Vector3d(p.x, p.y, p.z)) / resolution_;
     if (!(end.cwiseAbs().maxCoeff() < kMaxVoxelsFromOrigin)) return nullptr;
     const Coord voxel = ToCoord(end);
-    if (at.isValueOn(voxel)) continue;
-    at.setValueOn(voxel, true);
+    const bool is_obstacle = limits_.passable.count(point.label) == 0;
+    if (at.isValueOn(voxel)) {
+      if (is_obstacle) at.setValueOn(voxel, true);
+      continue;
+    }
+    at.setValueOn(voxel, is_obstacle);
     ends.push_back(voxel);
   }
   constexpr size_t kRaysBetweenChecks = 1000;

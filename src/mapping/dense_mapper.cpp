@@ -29,6 +29,7 @@ void CheckFrame(const Frame& frame) {
   check_size("image", frame.gray);
   if (!frame.color.empty()) check_size("colour image", frame.color);
   if (!frame.mask.empty()) check_size("mask", frame.mask);
+  if (!frame.labels.empty()) check_size("labels", frame.labels);
   if (IgnoresAll(frame.mask)) throw InvalidInputError(name + ": its mask ignores every pixel");
 }
 

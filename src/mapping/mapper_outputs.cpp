@@ -5,6 +5,7 @@
 #include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/engine/host_depth_engine.h"
+#include "acmp_mapping/fusion/label_votes.h"
 
 namespace acmp {
 namespace {
@@ -31,6 +32,19 @@ std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const KeyframeSteps& steps) {
   maps->times = steps.times;
   maps->prior_depth_rejection = steps.prior_depth_rejection;
   return maps;
+}
+
+/// Those that have labels, the reference first.
+std::vector<LabeledView> LabeledViewsOf(const EngineProblem& problem, DepthEngine* engine) {
+  std::vector<LabeledView> views;
+  const auto add = [&](const EngineView& view) {
+    if (view.frame->labels.empty() || !view.estimate) return;
+    views.push_back(
+        {{view.frame->camera, view.cam_from_world()}, &view.frame->labels, engine->DownloadDepth(view.estimate)});
+  };
+  add(problem.reference);
+  for (const EngineView& source : problem.sources) add(source);
+  return views;
 }
 
 /// Which checks leave no point of the reference. Estimates are fetched for it, so it takes many times as long as the
@@ -141,6 +155,9 @@ KeyframeDepthPtr MapperOutputs::MakeRefined(const KeyframeSteps& steps, const Fu
   ConsistencyResult result = engine_->FilterByConsistency(steps.problem.reference, steps.problem.sources, consistency);
   maps->confidence = std::move(result.confidence);
   maps->points_in_camera = std::move(result.points_in_camera);
+  const EngineView& reference = steps.problem.reference;
+  VoteForLabels(LabeledViewsOf(steps.problem, engine_), {reference.frame->camera, reference.cam_from_world()},
+                consistency.max_relative_depth, &maps->points_in_camera);
   Scale(steps.placed.scale, &maps->points_in_camera);
   maps->consistency_ms = timer.Lap();
   without_points_ = maps->points_in_camera.empty() ? without_points_ + 1 : 0;

@@ -110,20 +110,27 @@ sensor_msgs::CameraInfo ReadFile(const std::string& path) {
 
 }  // namespace
 
-sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path, bool rectified) {
-  const std::string what = Concat("calibration_file = \"", path, "\": ");
+void ReadSmallFile(const char* parameter, const std::string& path, const std::function<void()>& read) {
+  const std::string what = Concat(parameter, " = \"", path, "\": ");
   if (!std::filesystem::exists(path)) throw InvalidInputError(what + "there is no such file");
   if (!std::filesystem::is_regular_file(path)) throw InvalidInputError(what + "must be a file");  // a pipe never ends
   constexpr uintmax_t kMaxBytes = 1 << 20;  // the parsers take memory for what the file says
   const uintmax_t bytes = std::filesystem::file_size(path);
   if (bytes > kMaxBytes) throw InvalidInputError(Concat(what, "has ", bytes, " bytes: at most ", kMaxBytes));
   try {
-    sensor_msgs::CameraInfo info = ReadFile(path);
-    ToCalibration(info, rectified);
-    return info;
+    read();
   } catch (const std::exception& error) {  // of YAML, too
     throw InvalidInputError(what + error.what());
   }
+}
+
+sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path, bool rectified) {
+  sensor_msgs::CameraInfo info;
+  ReadSmallFile("calibration_file", path, [&] {
+    info = ReadFile(path);
+    ToCalibration(info, rectified);
+  });
+  return info;
 }
 
 }  // namespace acmp

@@ -44,7 +44,10 @@ std::shared_ptr<const std::string> KeptImage(const ColorImage& image, int max_si
 
 FramePreparation::FramePreparation(const NodeOptions& options, Mask fixed_mask,
                                    std::function<void(const RejectedInput&)> report)
-    : options_(options), fixed_mask_(std::move(fixed_mask)), report_(std::move(report)) {}
+    : options_(options),
+      fixed_mask_(std::move(fixed_mask)),
+      label_table_(options.label_file),
+      report_(std::move(report)) {}
 
 Capture FramePreparation::Prepare(const KeyframeInput& input, const PreparationOptions& how) {
   Capture capture = {PrepareFrames(input, how, options_.keep_images), {}};
@@ -52,7 +55,7 @@ Capture FramePreparation::Prepare(const KeyframeInput& input, const PreparationO
   return capture;
 }
 
-Mask FramePreparation::MaskOf(const KeyframeInput& input) {
+Mask FramePreparation::MaskOf(const KeyframeInput& input, const LabelImage& labels) {
   const PinholeCamera& camera = input.calibration->camera;
   Mask mask;
   try {
@@ -64,7 +67,21 @@ Mask FramePreparation::MaskOf(const KeyframeInput& input) {
   } catch (const InvalidInputError& error) {
     report_({"bad_mask", Concat("image ", FormatStamp(input.stamp_ns), " is used without it: ", error.what())});
   }
-  return mask;
+  return IntersectMasks(std::move(mask), label_table_.MaskOf(labels));
+}
+
+LabelImage FramePreparation::LabelsOf(const KeyframeInput& input) {
+  if (!input.labels) return {};
+  const std::string image = Concat("image ", FormatStamp(input.stamp_ns));
+  try {
+    LabelImage labels = DecodeLabels(*input.labels, input.calibration->camera);
+    const std::string unknown = label_table_.DescribeUnknown(labels);
+    if (!unknown.empty()) report_({"unknown_label", Concat(image, " has labels without a class: ", unknown)});
+    return labels;
+  } catch (const InvalidInputError& error) {
+    report_({"bad_labels", Concat(image, " goes without: ", error.what())});
+    return {};
+  }
 }
 
 DepthMap FramePreparation::PriorDepthOf(const KeyframeInput& input, bool is_used) {
@@ -120,7 +137,8 @@ cv::Mat FramePreparation::Decode(const EncodedImage& image, const CalibrationPtr
 std::vector<FramePtr> FramePreparation::PrepareFrames(const KeyframeInput& input, const PreparationOptions& how,
                                                       int keep_images) {
   const cv::Mat rgb = Decode(*input.image, input.calibration, &camera_);
-  const Mask mask = MaskOf(input);
+  const LabelImage labels = LabelsOf(input);
+  const Mask mask = MaskOf(input, labels);
   const DepthMap prior_depth = PriorDepthOf(input, how.uses_prior_depth);
   std::vector<FramePtr> frames;
   for (const Rectifier& rectifier : camera_.rectifiers) {
@@ -130,9 +148,10 @@ std::vector<FramePtr> FramePreparation::PrepareFrames(const KeyframeInput& input
     const KeyframeOrigin origin = input.OfFace(face);
     ColorImage image = rectifier.Rectify(rgb);
     std::shared_ptr<const std::string> jpeg = KeptImage(image, keep_images);
-    Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), face.camera,
-                            origin.world_from_cam.inverse(), input.landmarks_in_world,
-                            SizeOf(face.camera, camera_, how.size), face_mask, rectifier.RectifyDepth(prior_depth));
+    Frame frame =
+        MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), face.camera,
+                  origin.world_from_cam.inverse(), input.landmarks_in_world, SizeOf(face.camera, camera_, how.size),
+                  face_mask, rectifier.RectifyDepth(prior_depth), rectifier.RectifyLabels(labels));
     frames.push_back(
         std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), origin, how.run, std::move(jpeg)}));
   }

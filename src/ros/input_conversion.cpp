@@ -4,6 +4,7 @@
 #include <cctype>
 #include <cmath>
 #include <cstring>
+#include <map>
 
 #include <sensor_msgs/image_encodings.h>
 
@@ -14,6 +15,8 @@
 
 namespace acmp {
 namespace {
+
+namespace encodings = sensor_msgs::image_encodings;
 
 constexpr int64_t kMaxImageSide = 32767;  // cv::remap, which rectifies images, has 16-bit coordinates
 
@@ -131,26 +134,46 @@ T ReadAs(const uint8_t* from, bool swap) {
   return value;
 }
 
+/// What belongs to an image and is one itself. Throws InvalidInputError for another encoding than these, with their
+/// bytes per pixel, and for what CheckImageSides and CheckBytes refuse.
+ImageSample ToSample(const sensor_msgs::ImageConstPtr& message, const char* what,
+                     const std::map<std::string, uint64_t>& known, const char* expected) {
+  const sensor_msgs::Image& image = *message;
+  const std::string name = Concat(what, " ", FormatStamp(ToStampNs(image.header.stamp)));
+  const auto encoding = known.find(image.encoding);
+  if (encoding == known.end()) {
+    throw InvalidInputError(Concat(name, ": encoding \"", image.encoding, "\": must be ", expected));
+  }
+  CheckImageSides(name, image);
+  CheckBytes(name, image, encoding->second);
+  return {ToStampNs(image.header.stamp), std::make_shared<const EncodedImage>(EncodedImage{message, nullptr})};
+}
+
+/// @param what "mask"
+void CheckSizeOf(const char* what, const sensor_msgs::Image& image, const PinholeCamera& camera) {
+  if (image.width == static_cast<uint32_t>(camera.width) && image.height == static_cast<uint32_t>(camera.height))
+    return;
+  throw InvalidInputError(Concat(what, " ", FormatStamp(ToStampNs(image.header.stamp)), " of ", image.width, "x",
+                                 image.height, ": must have the image's size, ", camera.width, "x", camera.height));
+}
+
 }  // namespace
 
 ImageSample ToMaskSample(const sensor_msgs::ImageConstPtr& message) {
-  namespace encodings = sensor_msgs::image_encodings;
-  const sensor_msgs::Image& mask = *message;
-  const std::string name = Concat("mask ", FormatStamp(ToStampNs(mask.header.stamp)));
-  if (mask.encoding != encodings::MONO8 && mask.encoding != encodings::TYPE_8UC1) {
-    throw InvalidInputError(
-        Concat(name, ": encoding \"", mask.encoding, "\": must be mono8, where 0 means to ignore the pixel"));
-  }
-  CheckBytes(name, mask, 1);
-  return {ToStampNs(mask.header.stamp), std::make_shared<const EncodedImage>(EncodedImage{message, nullptr})};
+  return ToSample(message, "mask", {{encodings::MONO8, 1}, {encodings::TYPE_8UC1, 1}},
+                  "mono8, where 0 means to ignore the pixel");
+}
+
+ImageSample ToLabelSample(const sensor_msgs::ImageConstPtr& message) {
+  return ToSample(
+      message, "labels",
+      {{encodings::MONO8, 1}, {encodings::TYPE_8UC1, 1}, {encodings::MONO16, 2}, {encodings::TYPE_16UC1, 2}},
+      "8UC1, mono8, 16UC1 or mono16, where 0 means unknown");
 }
 
 Mask DecodeMask(const EncodedImage& encoded, const PinholeCamera& camera) {
   const sensor_msgs::Image& image = *encoded.raw;
-  if (image.width != static_cast<uint32_t>(camera.width) || image.height != static_cast<uint32_t>(camera.height)) {
-    throw InvalidInputError(Concat("mask ", FormatStamp(ToStampNs(image.header.stamp)), " of ", image.width, "x",
-                                   image.height, ": must have the image's size, ", camera.width, "x", camera.height));
-  }
+  CheckSizeOf("mask", image, camera);
   Mask mask(camera.width, camera.height);
   for (int row = 0; row < mask.height(); ++row) {
     std::copy_n(image.data.data() + static_cast<size_t>(row) * image.step, mask.width(), &mask(0, row));
@@ -158,23 +181,35 @@ Mask DecodeMask(const EncodedImage& encoded, const PinholeCamera& camera) {
   return mask;
 }
 
-ImageSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message) {
-  namespace encodings = sensor_msgs::image_encodings;
-  const sensor_msgs::Image& depth = *message;
-  const std::string name = Concat("prior depth ", FormatStamp(ToStampNs(depth.header.stamp)));
-  const bool is_float = depth.encoding == encodings::TYPE_32FC1;
-  if (!is_float && depth.encoding != encodings::TYPE_16UC1 && depth.encoding != encodings::MONO16) {
-    throw InvalidInputError(Concat(name, ": encoding \"", depth.encoding,
-                                   "\": must be 32FC1 (in the world's unit) or 16UC1 (thousandths of it)"));
+LabelImage DecodeLabels(const EncodedImage& encoded, const PinholeCamera& camera) {
+  const sensor_msgs::Image& image = *encoded.raw;
+  CheckSizeOf("labels", image, camera);
+  const bool wide = image.encoding == encodings::MONO16 || image.encoding == encodings::TYPE_16UC1;
+  const bool swap = (image.is_bigendian != 0) != kBigEndianHost;
+  LabelImage labels(camera.width, camera.height);
+  for (int row = 0; row < labels.height(); ++row) {
+    const uint8_t* from = image.data.data() + static_cast<size_t>(row) * image.step;
+    for (int col = 0; col < labels.width(); ++col) {
+      const int label = wide ? ReadAs<uint16_t>(from + col * sizeof(uint16_t), swap) : from[col];
+      if (label > kMaxLabel) {
+        throw InvalidInputError(Concat("labels ", FormatStamp(ToStampNs(image.header.stamp)), ": pixel (", col, ", ",
+                                       row, ") has ", label, ": must be at most ", kMaxLabel));
+      }
+      labels(col, row) = static_cast<Label>(label);
+    }
   }
-  CheckImageSides(name, depth);
-  CheckBytes(name, depth, is_float ? sizeof(float) : sizeof(uint16_t));
-  return {ToStampNs(depth.header.stamp), std::make_shared<const EncodedImage>(EncodedImage{message, nullptr})};
+  return labels;
+}
+
+ImageSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message) {
+  return ToSample(message, "prior depth",
+                  {{encodings::TYPE_32FC1, 4}, {encodings::TYPE_16UC1, 2}, {encodings::MONO16, 2}},
+                  "32FC1 (in the world's unit) or 16UC1 (thousandths of it)");
 }
 
 DepthMap DecodePriorDepth(const EncodedImage& encoded) {
   const sensor_msgs::Image& image = *encoded.raw;
-  const bool is_float = image.encoding == sensor_msgs::image_encodings::TYPE_32FC1;
+  const bool is_float = image.encoding == encodings::TYPE_32FC1;
   const bool swap = (image.is_bigendian != 0) != kBigEndianHost;
   DepthMap depth(static_cast<int>(image.width), static_cast<int>(image.height));
   bool has_depth = false;

@@ -45,6 +45,26 @@ struct InputStream {
   std::string topic = {};  ///< where it is another than the name is remapped to
 };
 
+/// What belongs to images and is one itself, but for the images of source cameras.
+struct CompanionRow {
+  Kind kind;
+  CompanionStream stream;
+  const char* name;
+  const char* reason;  ///< of drops
+  ImageSample (*convert)(const sensor_msgs::ImageConstPtr& message);
+};
+constexpr CompanionRow kCompanionRows[] = {
+    {Kind::kMask, kMaskStream, names::kMask, "bad_mask", &ToMaskSample},
+    {Kind::kPriorDepth, kPriorDepthStream, names::kPriorDepth, "bad_prior_depth", &ToPriorDepthSample},
+    {Kind::kLabels, kLabelStream, names::kLabels, "bad_labels", &ToLabelSample}};
+
+/// Null: none.
+const CompanionRow* CompanionRowOf(Kind kind) {
+  const auto row = std::find_if(std::begin(kCompanionRows), std::end(kCompanionRows),
+                                [&](const CompanionRow& known) { return known.kind == kind; });
+  return row == std::end(kCompanionRows) ? nullptr : row;
+}
+
 /// Where a name is that the user has chosen; our launch files remap all names.
 bool IsNamed(const InputTopics& topics, const std::string& name) {
   return topics.is_remapped(name) && topics.resolve(name) != names::kDefaultTopics + name;
@@ -76,12 +96,12 @@ std::string HowToTake(Kind kind, const std::string& type, const std::string& top
     if (kind == way.kind && type == way.type) return Concat("set ", way.arguments, topic);
   }
   if (type != TypeOf<sensor_msgs::CompressedImage>()) return "";
-  if (kind == Kind::kMask || kind == Kind::kPriorDepth) {
+  if (const CompanionRow* companion = CompanionRowOf(kind)) {
     const bool is_depth = boost::algorithm::ends_with(topic, kCompressedDepth);
     return Concat(
         "it must be raw: rosrun image_transport republish ", is_depth ? "compressedDepth" : "compressed",
         " in:=", is_depth ? topic.substr(0, topic.size() - std::strlen(kCompressedDepth)) : WithoutCompressed(topic),
-        " raw out:=/raw, and ", kind == Kind::kMask ? names::kMask : names::kPriorDepth, ":=/raw");
+        " raw out:=/raw, and ", companion->name, ":=/raw");
   }
   if (kind != Kind::kImage || boost::algorithm::ends_with(topic, kCompressedDepth)) return "";
   const std::string image = WithoutCompressed(topic);
@@ -99,10 +119,9 @@ std::string HowToTakeInstead(const InputStatus& input, const std::string& type, 
   } arguments[] = {{Kind::kCameraInfo, names::kCameraInfo},
                    {Kind::kKeyframe, names::kKeyframe},
                    {Kind::kExtrinsic, names::kExtrinsic},
-                   {Kind::kMask, names::kMask},
-                   {Kind::kPriorDepth, names::kPriorDepth},
                    {Kind::kSourceImage, names::kSourceImages[input.camera]},
                    {Kind::kSourceInfo, names::kSourceCameraInfos[input.camera]}};
+  if (const CompanionRow* companion = CompanionRowOf(input.kind)) return Concat("set ", companion->name, ":=", topic);
   for (const auto& [kind, argument] : arguments) {
     if (input.kind == kind) return Concat("set ", argument, ":=", topic);
   }
@@ -165,13 +184,30 @@ std::vector<std::string> FindMappers(const std::map<std::string, std::string>& p
 
 /// @param name within the namespace; image_transport publishes beside the names of images
 bool IsOutput(const std::string& name) {
-  constexpr const char* kNames[] = {
-      names::kDepthFast,        "depth_fast/camera_info",  names::kDepth,         names::kDepthCameraInfo,
-      names::kDepthMillimetres, names::kDepthPicture,      names::kColor,         "rgb/camera_info",
-      names::kConfidence,       names::kConfidencePicture, names::kNormal,        names::kNormalPicture,
-      names::kPoints,           names::kMapPoints,         names::kOccupancy,     names::kMesh,
-      names::kKeyframePose,     names::kKeyframePath,      names::kKeyframeDepth, names::kKeyframePoints,
-      "viewer/image",           "viewer/camera_info",      "viewer/keyframes"};
+  constexpr const char* kNames[] = {names::kDepthFast,
+                                    "depth_fast/camera_info",
+                                    names::kDepth,
+                                    names::kDepthCameraInfo,
+                                    names::kDepthMillimetres,
+                                    names::kDepthPicture,
+                                    names::kColor,
+                                    "rgb/camera_info",
+                                    names::kConfidence,
+                                    names::kConfidencePicture,
+                                    names::kNormal,
+                                    names::kNormalPicture,
+                                    names::kPoints,
+                                    names::kMapPoints,
+                                    names::kMapLabels,
+                                    names::kOccupancy,
+                                    names::kMesh,
+                                    names::kKeyframePose,
+                                    names::kKeyframePath,
+                                    names::kKeyframeDepth,
+                                    names::kKeyframePoints,
+                                    "viewer/image",
+                                    "viewer/camera_info",
+                                    "viewer/keyframes"};
   const bool is_of_face = boost::algorithm::starts_with(name, names::kFacePrefix);
   const std::string own = is_of_face ? name.substr(name.find('/') + 1) : name;
   return std::any_of(std::begin(kNames), std::end(kNames), [&](const std::string& output) {
@@ -212,11 +248,11 @@ class SourceFactory {
                   intake->AddCompanion(kSourceStream + camera, {ToStampNs(image->header().stamp), image});
                 });
     }
-    Add<sensor_msgs::Image>({Kind::kMask, names::kMask, kImageQueue, "bad_mask", false}, &ToMaskSample,
-                            [](auto* intake, ImageSample mask) { intake->AddCompanion(kMaskStream, std::move(mask)); });
-    Add<sensor_msgs::Image>(
-        {Kind::kPriorDepth, names::kPriorDepth, kImageQueue, "bad_prior_depth", false}, &ToPriorDepthSample,
-        [](auto* intake, ImageSample depth) { intake->AddCompanion(kPriorDepthStream, std::move(depth)); });
+    for (const CompanionRow& row : kCompanionRows) {
+      Add<sensor_msgs::Image>(
+          {row.kind, row.name, kImageQueue, row.reason, false}, row.convert,
+          [stream = row.stream](auto* intake, ImageSample sample) { intake->AddCompanion(stream, std::move(sample)); });
+    }
     if (NeedsExtrinsic(options_)) {
       Add<nav_msgs::Odometry>(
           {Kind::kExtrinsic, names::kExtrinsic, 1, "bad_extrinsic", false},
@@ -388,8 +424,7 @@ void SetExpected(const InputSources& sources, const std::function<bool(const Inp
     const InputStatus& input = source->fixed;
     const bool is_there = source->received > 0 || is_published(*source);
     if (input.kind == Kind::kCloud) clouds = clouds || is_there;
-    if (input.kind == Kind::kMask) intake->set_companion_expected(kMaskStream, is_there);
-    if (input.kind == Kind::kPriorDepth) intake->set_companion_expected(kPriorDepthStream, is_there);
+    if (const CompanionRow* row = CompanionRowOf(input.kind)) intake->set_companion_expected(row->stream, is_there);
     if (input.kind == Kind::kSourceImage) intake->set_companion_expected(kSourceStream + input.camera, is_there);
   }
   intake->set_clouds_expected(clouds);

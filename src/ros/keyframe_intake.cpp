@@ -206,6 +206,7 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   input.image = match.image.image;
   input.mask = match.companions[kMaskStream];
   input.prior_depth = match.companions[kPriorDepthStream];
+  input.labels = match.companions[kLabelStream];
   const CalibrationHistory::Entry& calibrated = calibrations_.At(input.stamp_ns);
   input.calibration = calibrated.calibration;
   input.camera_frame = options_.camera_frame;

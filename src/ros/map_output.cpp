@@ -12,6 +12,7 @@
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fusion/label_votes.h"
 #include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/ros/topic_names.h"
@@ -51,7 +52,9 @@ MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOpt
     : map_(map),
       options_(options),
       report_(std::move(report)),
-      points_(AdvertiseLatched<sensor_msgs::PointCloud2>(&nh, names::kMapPoints, &points_pace_)) {}
+      label_table_(options.label_file),
+      points_(AdvertiseLatched<sensor_msgs::PointCloud2>(&nh, names::kMapPoints, &points_pace_)),
+      labels_(AdvertiseLatched<sensor_msgs::PointCloud2>(&nh, names::kMapLabels, &points_pace_)) {}
 
 void MapOutput::SetHeader(const std::string& world_frame, int64_t stamp_ns) {
   std::lock_guard<std::mutex> lock(header_mutex_);
@@ -70,13 +73,18 @@ size_t MapOutput::Publish() {
   std_msgs::Header header = Header();
   points_pace_.Begin(header.frame_id.empty() ? 0 : version);  // what is in the map gets its header in a moment
   if (header.frame_id.empty()) return 0;
-  const MapCloud map = map_->WorldCloud();
-  CheckCloudSize(map.points.size(), kMaxMessageBytes);
+  MapCloud map = map_->WorldCloud();
+  const size_t points = map.points.size();
+  CheckCloudSize(points, PackedPointBytes(HasLabels(map.points)), kMaxMessageBytes);
   EnterLocalFrame(map.origin, &header);
   const sensor_msgs::PointCloud2Ptr message = ToCloudMessage(map.points, header);
+  sensor_msgs::PointCloud2Ptr labels;
+  if (labels_.getNumSubscribers() > 0) labels = ToCloudMessage(label_table_.Colored(std::move(map.points)), header);
   std::lock_guard<std::mutex> lock(publish_mutex_);
-  if (emptied_ == emptied) points_.publish(message);
-  return map.points.size();
+  if (emptied_ != emptied) return points;
+  points_.publish(message);
+  if (labels) labels_.publish(labels);
+  return points;
 }
 
 void MapOutput::PublishNothing() {
@@ -85,7 +93,7 @@ void MapOutput::PublishNothing() {
   const std_msgs::Header header = Header();
   SetHeader("", 0);
   if (header.frame_id.empty()) return;
-  points_.publish(ToCloudMessage({}, header));
+  for (ros::Publisher* topic : {&points_, &labels_}) topic->publish(ToCloudMessage({}, header));
 }
 
 void MapOutput::EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header) {
@@ -103,6 +111,7 @@ void MapOutput::EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header*
 OccupancyLimits MapOutput::LimitsOfOccupancy() const {
   OccupancyLimits limits;
   limits.max_bytes = options_.memory_limit_bytes();
+  limits.passable = label_table_.PassableLabels();
   limits.check = [this] { CheckStopped(); };
   return limits;
 }
@@ -121,7 +130,9 @@ void MapOutput::CheckStopped() const {
 
 void MapOutput::PublishIfDue() {
   const double rate = options_.map_publish_rate;
-  if (stopping_ || !points_pace_.IsDue(rate, points_.getNumSubscribers(), map_->version())) return;
+  if (stopping_ ||
+      !points_pace_.IsDue(rate, points_.getNumSubscribers() + labels_.getNumSubscribers(), map_->version()))
+    return;
   try {
     Publish();
   } catch (const std::exception& error) {

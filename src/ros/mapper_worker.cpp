@@ -40,7 +40,7 @@ size_t BytesOf(const std::shared_ptr<const EncodedImage>& image) {
 
 /// What an input holds on to.
 size_t BytesOf(const KeyframeInput& input) {
-  size_t bytes = BytesOf(input.image) + BytesOf(input.mask) + BytesOf(input.prior_depth);
+  size_t bytes = BytesOf(input.image) + BytesOf(input.mask) + BytesOf(input.prior_depth) + BytesOf(input.labels);
   for (const SourceImage& source : input.source_images) bytes += BytesOf(source.image);
   return bytes + input.landmarks_in_world.size() * sizeof(Eigen::Vector3d);
 }

@@ -38,7 +38,7 @@ Marker ToMarker(const MeshUpdate::Block& block, const std_msgs::Header& header) 
   marker.colors.reserve(3 * block.mesh.triangles.size());
   for (const auto& triangle : block.mesh.triangles) {
     for (uint32_t corner : triangle) {
-      const auto& [position, normal, color, confidence] = block.mesh.vertices[corner];
+      const auto& [position, normal, color, label, confidence] = block.mesh.vertices[corner];
       geometry_msgs::Point point;
       point.x = position.x, point.y = position.y, point.z = position.z;
       marker.points.push_back(point);

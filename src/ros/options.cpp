@@ -217,6 +217,10 @@ OptionList OptionsOf(NodeOptions* o) {
   list.Text("mask_file", &o->mask_file,
             "Picture (.png) of the size of the images as sent: what is black there, such as the robot itself, is "
             "ignored in all of them; empty: nothing is");
+  list.Text(
+      "label_file", &o->label_file,
+      "Names and colours of the classes of the topic labels (.yaml, as config/labels.yaml), and which of them are "
+      "ignored as by a mask; empty: all numbers are classes");
   list.Text("camera_frame", &o->camera_frame, "In place of the frame_id of the images; empty: as sent");
 
   list.Group("poses");
@@ -276,7 +280,7 @@ OptionList OptionsOf(NodeOptions* o) {
   list.Number("sparse_wait", &o->matcher.sparse_wait_s, 0, 10, "s",
               "An image with a pose waits so long for the sparse points of its stamp");
   list.Number("mask_wait", &o->matcher.mask_wait_s, 0, 10, "s",
-              "An image with a pose waits so long for its mask, its prior depth and the images of source cameras, "
+              "An image with a pose waits so long for its mask, prior depth, labels and images of source cameras, "
               "while somebody publishes these topics; then it is used as a whole, or goes without");
 
   list.Group("keyframes");
@@ -348,6 +352,8 @@ OptionList OptionsOf(MapServerOptions* o) {
   list.Number("memory_limit", &o->memory_limit_gb, 0.01, 1000, "GB",
               "What one keyframe or session may take while it is saved, loaded or published: more is refused before "
               "memory is asked for, and occupancy gets larger cells");
+  list.Text("label_file", &o->label_file,
+            "As that of the mapper: colours of the classes, and which of them are no obstacles");
   list.Text("save_folder", &o->save_folder,
             "Maps and sessions are saved and loaded only below this folder, where relative paths start; empty: "
             "~/.ros/acmp_mapping (in ROS_HOME where that is set), which is made; /: anywhere");

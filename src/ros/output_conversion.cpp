@@ -10,6 +10,7 @@
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fusion/label_votes.h"
 #include "acmp_mapping/map/map_writer.h"
 
 namespace acmp {
@@ -117,22 +118,31 @@ nav_msgs::OccupancyGridPtr ToOccupancyGrid(const OccupancySlice& slice, const st
   return message;
 }
 
-void CheckCloudSize(size_t points, size_t limit) {
-  if (points <= limit / kPackedPointBytes) return;
-  throw InvalidInputError(Concat(points, " points: a message holds at most ", limit / kPackedPointBytes, " (",
+void CheckCloudSize(size_t points, size_t point_bytes, size_t limit) {
+  if (points <= limit / point_bytes) return;
+  throw InvalidInputError(Concat(points, " points: a message holds at most ", limit / point_bytes, " (",
                                  limit / 1000000, " MB); raise ~voxel_size, or lower ~map_radius or ~max_keyframes"));
 }
 
 void FillCloud(const PointCloud& points, const std_msgs::Header& header, sensor_msgs::PointCloud2* message) {
-  CheckCloudSize(points.size(), std::numeric_limits<uint32_t>::max());
+  const bool labels = HasLabels(points);
+  CheckCloudSize(points.size(), PackedPointBytes(labels), std::numeric_limits<uint32_t>::max());
   message->header = header;
   sensor_msgs::PointCloud2Modifier modifier(*message);
   constexpr auto kFloat = sensor_msgs::PointField::FLOAT32;
   modifier.setPointCloud2Fields(8, "x", 1, kFloat, "y", 1, kFloat, "z", 1, kFloat, "rgb", 1, kFloat, "normal_x", 1,
                                 kFloat, "normal_y", 1, kFloat, "normal_z", 1, kFloat, "confidence", 1, kFloat);
+  if (labels) {
+    sensor_msgs::PointField& label = message->fields.emplace_back();
+    label.name = kPackedLabel;
+    label.offset = message->point_step;
+    label.datatype = sensor_msgs::PointField::UINT32;
+    label.count = 1;
+    message->point_step = PackedPointBytes(true);
+  }
   modifier.resize(points.size());
   message->is_dense = true;
-  PackPoints(points.data(), points.size(), message->data.data());
+  PackPoints(points.data(), points.size(), labels, message->data.data());
 }
 
 sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header) {
@@ -142,21 +152,23 @@ sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_m
 }
 
 PointCloud ToPointCloud(const sensor_msgs::PointCloud2& message) {
+  constexpr size_t kFields = std::size(kPackedFields);
+  const bool labels = message.fields.size() == kFields + 1;
+  const size_t bytes = PackedPointBytes(labels);
   const auto fits = [&](size_t i) {
     const sensor_msgs::PointField& field = message.fields[i];
-    return field.name == kPackedFields[i] && field.offset == i * sizeof(float) &&
-           field.datatype == sensor_msgs::PointField::FLOAT32;
+    return field.name == (i < kFields ? kPackedFields[i] : kPackedLabel) && field.offset == i * sizeof(float) &&
+           field.datatype == (i < kFields ? sensor_msgs::PointField::FLOAT32 : sensor_msgs::PointField::UINT32);
   };
-  constexpr size_t kFields = std::size(kPackedFields);
-  bool known = message.fields.size() == kFields && message.point_step == kPackedPointBytes && !message.is_bigendian;
-  for (size_t i = 0; known && i < kFields; ++i) known = fits(i);
+  bool known = (labels || message.fields.size() == kFields) && message.point_step == bytes && !message.is_bigendian;
+  for (size_t i = 0; known && i < message.fields.size(); ++i) known = fits(i);
   const size_t count = static_cast<size_t>(message.width) * message.height;
-  if (!known || message.data.size() != count * kPackedPointBytes) {
+  if (!known || message.data.size() != count * bytes) {
     throw InvalidInputError(Concat("cloud with ", message.fields.size(), " fields, ", message.point_step,
                                    " bytes per point and ", message.data.size(), " bytes for ", count,
                                    " points: must be as this package's topic points has it"));
   }
-  return UnpackPoints(message.data.data(), count);
+  return UnpackPoints(message.data.data(), count, labels);
 }
 
 }  // namespace acmp

@@ -97,11 +97,16 @@ SyntheticWorld MakeRoom() {
   SyntheticWorld world;
   std::vector<WorldObject>* objects = &world.objects;
   objects->push_back({{Shape::kRoom, kRoomCenter, kRoomHalf, {}}, kWalls});
-  AddWallTrim(objects);
-  AddTable(objects);
-  AddTableware(objects);
-  AddFurniture(objects);
-  AddPictures(objects);
+  const auto add = [&](Label label, void (*add_some)(std::vector<WorldObject>*)) {
+    const size_t before = objects->size();
+    add_some(objects);
+    for (size_t i = before; i < objects->size(); ++i) (*objects)[i].label = label;
+  };
+  add(kTrim, &AddWallTrim);
+  add(kTable, &AddTable);
+  add(kTableware, &AddTableware);
+  add(kFurniture, &AddFurniture);
+  add(kPicture, &AddPictures);
   world.wall_paint = {{152, 146, 138}, {228, 228, 224}, {186, 198, 196}, kWalls.color};
   world.lamp = {0.3, -0.6, 2.4};
   world.diameter_m = 6.7;

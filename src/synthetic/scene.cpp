@@ -116,6 +116,7 @@ void RenderGeometry(const Shot& shot, Rendering* out) {
   ForEachPixel(shot.camera.width, shot.camera.height, [&](int col, int row) {
     const WorldHit hit = Trace(shot.world, PixelRay(shot.camera, out->pose, col, row));
     out->low_texture(col, row) = hit.low_texture ? 1 : 0;
+    out->labels(col, row) = LabelOf(shot.world, hit);
     out->depth(col, row) = DepthOf(hit);
     out->normal(col, row) = hit.sky ? Vec3f{0, 0, 0} : DirectionInCamera(out->pose, hit.where.normal);
   });
@@ -181,12 +182,13 @@ CameraPose PoseOf(const RigidTransform& cam_from_world) {
   return {column(3), column(0), column(1), column(2)};
 }
 
-SurfacePoint SurfacePointAt(const Ray& ray, const WorldHit& hit, const Rgb& color) {
+SurfacePoint SurfacePointAt(const Ray& ray, const WorldHit& hit, const Rgb& color, Label label) {
   const Vec3d p = ray.origin + hit.where.t * ray.direction;
   const Vec3d& n = hit.where.normal;
   return {{static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)},
           {static_cast<float>(n.x), static_cast<float>(n.y), static_cast<float>(n.z)},
           color,
+          label,
           1.0f};
 }
 
@@ -203,7 +205,7 @@ PointCloud SampleRow(const SyntheticView& view, const CameraPose& pose, int row,
       for (int i = 0; i < rays; ++i) {
         const Ray ray = PixelRay(camera, pose, col + (i + 0.5) / rays - 0.5, row + (j + 0.5) / rays - 0.5);
         const WorldHit hit = Trace(world, ray, objects);
-        if (!hit.sky) points.push_back(SurfacePointAt(ray, hit, view.frame.color(col, row)));
+        if (!hit.sky) points.push_back(SurfacePointAt(ray, hit, view.frame.color(col, row), LabelOf(world, hit)));
       }
     }
   }
@@ -337,6 +339,7 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
     view.true_depth = std::move(r.depth);
     view.true_normal = std::move(r.normal);
     view.low_texture = std::move(r.low_texture);
+    view.true_labels = std::move(r.labels);
     view.place = options.place;
     view.exposure = r.exposure;
     view.shown_depth = std::move(r.shown_depth);

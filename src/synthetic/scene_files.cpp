@@ -149,7 +149,7 @@ PointCloud CloudOf(const std::vector<Track>& tracks) {
   PointCloud cloud;
   for (const Track& track : tracks) {
     const Eigen::Vector3f p = track.point_in_world.cast<float>();
-    cloud.push_back({{p.x(), p.y(), p.z()}, {0, 0, 0}, track.color, 1.0f});
+    cloud.push_back({{p.x(), p.y(), p.z()}, {0, 0, 0}, track.color, 0, 1.0f});
   }
   return cloud;
 }

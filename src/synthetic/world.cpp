@@ -87,6 +87,14 @@ std::vector<size_t> ObjectsNear(const SyntheticWorld& world, const Ray& ray, dou
   return near;
 }
 
+Label LabelOf(const SyntheticWorld& world, const WorldHit& hit) {
+  if (hit.sky) return kSky;
+  const WorldObject& object = world.objects[hit.object];
+  if (object.solid.shape != Shape::kRoom) return object.label;
+  const double up = hit.where.normal.z;
+  return up > 0.5 ? kFloor : up < -0.5 ? kCeiling : kWall;
+}
+
 ColorD LitColor(const SyntheticWorld& world, const WorldHit& hit, const Ray& ray, uint32_t seed) {
   if (hit.sky) return SkyColor(ray.direction, seed);
   const WorldObject& object = world.objects[hit.object];

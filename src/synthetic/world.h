@@ -153,6 +153,7 @@ Rgb Digitize(const ImagingModel& model, const ColorD& signal, RandomStream* rand
 struct WorldObject {
   Solid solid;
   Material material;
+  Label label = kThing;  ///< of kRoom it is that of the surface: LabelOf
 };
 
 // Angles with rational cosine and sine (Pythagorean triples), exact without libm.
@@ -208,6 +209,8 @@ WorldHit Trace(const SyntheticWorld& world, const Ray& ray);
 std::vector<size_t> ObjectsNear(const SyntheticWorld& world, const Ray& ray, double margin);
 WorldHit Trace(const SyntheticWorld& world, const Ray& ray, const std::vector<size_t>& objects);
 
+Label LabelOf(const SyntheticWorld& world, const WorldHit& hit);
+
 /// Lit colour at a hit, 0..255 per channel; the same from wherever it is seen unless the material has a gloss, whose
 /// highlights go beyond 255.
 ColorD LitColor(const SyntheticWorld& world, const WorldHit& hit, const Ray& ray, uint32_t seed);
@@ -231,6 +234,7 @@ struct Rendering {
   DepthMap depth = DepthMap(camera.width, camera.height);
   NormalMap normal = NormalMap(camera.width, camera.height);
   Image<unsigned char> low_texture = Image<unsigned char>(camera.width, camera.height);
+  LabelImage labels = LabelImage(camera.width, camera.height);
   Mask mask = {};
   DepthMap shown_depth = {};
 };

@@ -71,6 +71,8 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
                  "Also a second camera so many m to the right (0: none), on /camera_right/image_raw and camera_info");
   app.add_flag("--standing", arguments.scene.standing, "The camera stands for all of it");
   app.add_flag("--moving-object", arguments.scene.moving_object, "A box moves through the room");
+  app.add_flag("--labels", arguments.recording.labels,
+               "Also the class of each pixel (config/labels.yaml), on /slam/labels");
   app.add_option("--ground-truth", arguments.ground_truth,
                  "Also write the room as a dataset with true depth, normals and surface")
       ->type_name("DIR");

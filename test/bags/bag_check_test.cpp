@@ -390,7 +390,7 @@ TEST_F(CheckBagTest, SeveralTopicsOfAKind) {
 TEST_F(CheckBagTest, Masks) {
   const BagReport good = Check({}, {}, [&](int i, const Keyframe& keyframe, rosbag::Bag* bag) {
     if (i == kKeyframes - 1) return;
-    bag->write("/detector/mask", keyframe.image.header.stamp, ToMaskMessage(Mask(32, 24, 255), keyframe.image.header));
+    bag->write("/detector/mask", keyframe.image.header.stamp, ToMono8Message(Mask(32, 24, 255), keyframe.image.header));
   });
   EXPECT_EQ(good.chosen.image, "/image");
   EXPECT_EQ(good.chosen.mask, "/detector/mask");

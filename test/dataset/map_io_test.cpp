@@ -112,7 +112,7 @@ TEST_F(MapIoTest, ReadDepthTakesEveryFormatAndCleansUnknowns) {
 }
 
 PointCloud SomePoints() {
-  return {{{1, 2, 3}, {0, 0, -1}, {10, 20, 30}, 0.5f}, {{-1.5f, 0, 1e-3f}, {0.6f, 0.8f, 0}, {255, 0, 1}, 1.0f}};
+  return {{{1, 2, 3}, {0, 0, -1}, {10, 20, 30}, 0, 0.5f}, {{-1.5f, 0, 1e-3f}, {0.6f, 0.8f, 0}, {255, 0, 1}, 0, 1.0f}};
 }
 
 TEST_F(MapIoTest, PlyRoundTrip) {
@@ -203,10 +203,10 @@ class MeshFilesTest : public TestFolder {
  protected:
   static TriangleMesh SomeMesh() {
     TriangleMesh mesh;
-    mesh.vertices = {{{0, 0, 1}, {0, 0, -1}, {255, 0, 51}, 0.5f},
-                     {{1, 0, 1}, {0, 0, -1}, {1, 2, 3}, 0.25f},
-                     {{0, 1, 1.5f}, {0, 0, -1}, {4, 5, 6}, 0.75f},
-                     {{1, 1, 1}, {0, 0, -1}, {7, 8, 9}, 1}};
+    mesh.vertices = {{{0, 0, 1}, {0, 0, -1}, {255, 0, 51}, 0, 0.5f},
+                     {{1, 0, 1}, {0, 0, -1}, {1, 2, 3}, 0, 0.25f},
+                     {{0, 1, 1.5f}, {0, 0, -1}, {4, 5, 6}, 0, 0.75f},
+                     {{1, 1, 1}, {0, 0, -1}, {7, 8, 9}, 0, 1}};
     mesh.triangles = {{0, 2, 1}, {1, 2, 3}};
     return mesh;
   }

@@ -166,7 +166,7 @@ TEST(ObservedSurface, KeepsTheFirstPointOfEachVoxel) {
 TriangleMesh Square(float size) {
   TriangleMesh mesh;
   for (const auto& [x, y] : {std::pair{0.0f, 0.0f}, {size, 0.0f}, {size, size}, {0.0f, size}}) {
-    mesh.vertices.push_back({{x, y, 2}, {0, 0, -1}, {1, 2, 3}, 1});
+    mesh.vertices.push_back({{x, y, 2}, {0, 0, -1}, {1, 2, 3}, 0, 1});
   }
   mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
   return mesh;

@@ -38,6 +38,7 @@ PointCloud AllDirections() {
     points.push_back({{0.1f * static_cast<float>(number), -3e-20f, 7e20f},
                       ToVec3f(direction),
                       {byte(1), byte(3), byte(7)},
+                      0,
                       static_cast<float>(number % 1009) / 1008});
   }
   return points;
@@ -83,16 +84,16 @@ TEST(PackedCloud, PackedAgainItStaysTheSame) {
 TEST(PackedCloud, WithoutADirectionThereIsNoNormal) {
   constexpr float kNaN = std::numeric_limits<float>::quiet_NaN(), kInfinity = std::numeric_limits<float>::infinity();
   for (const Vec3f& normal : {Vec3f{0, 0, 0}, Vec3f{kNaN, 0, 1}, Vec3f{0, 0, -kInfinity}}) {
-    const SurfacePoint point = PackedCloud({{{1, 2, 3}, normal, {}, 0.5f}})[0];
+    const SurfacePoint point = PackedCloud({{{1, 2, 3}, normal, {}, 0, 0.5f}})[0];
     EXPECT_EQ(ToEigen(point.normal), Eigen::Vector3d::Zero());
   }
-  EXPECT_EQ(ToEigen(PackedCloud({{{1, 2, 3}, {0, -1e-9f, 0}, {}, 0.5f}})[0].normal), Eigen::Vector3d(0, -1, 0));
+  EXPECT_EQ(ToEigen(PackedCloud({{{1, 2, 3}, {0, -1e-9f, 0}, {}, 0, 0.5f}})[0].normal), Eigen::Vector3d(0, -1, 0));
 }
 
 TEST(PackedCloud, RefusesConfidencesThatAreNone) {
   for (const float bad : {-0.01f, 1.01f, std::numeric_limits<float>::quiet_NaN()}) {
     try {
-      PackedCloud(PointCloud{{}, {{}, {}, {}, bad}});
+      PackedCloud(PointCloud{{}, {{}, {}, {}, 0, bad}});
       ADD_FAILURE() << bad;
     } catch (const InvalidInputError& error) {
       EXPECT_THAT(error.what(), testing::HasSubstr("point 1"));

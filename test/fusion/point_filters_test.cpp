@@ -151,7 +151,7 @@ TEST(VoxelFilter, AgreesWithAPlainMap) {
 }
 
 SurfacePoint Point(float x, float normal_z, float confidence) {
-  return {{x, 0.5f, 0.5f}, {0, 0, normal_z}, {100, 0, 0}, confidence};
+  return {{x, 0.5f, 0.5f}, {0, 0, normal_z}, {100, 0, 0}, 0, confidence};
 }
 
 TEST(VoxelFilter, OrdersVoxelsOfAnyExtentByTheirCoordinates) {

@@ -136,6 +136,9 @@ ACMP_FUZZ_TARGET(keyframe_points) {
   map.Path();
 }
 
+/// Labels for a camera of 8 x 6 pixels.
+ACMP_FUZZ_TARGET(label_message) { DecodeLabels(*ToLabelSample(Take<sensor_msgs::Image>(&bytes)).image, kSmallCamera); }
+
 /// A mask for a camera of 8 x 6 pixels.
 ACMP_FUZZ_TARGET(mask_message) { DecodeMask(*ToMaskSample(Take<sensor_msgs::Image>(&bytes)).image, kSmallCamera); }
 

@@ -120,6 +120,7 @@ for name, size in (("rgb8", 3), ("mono16", 2), ("bayer_rggb8", 1), ("yuv422", 2)
 seed("image_message", "rows_that_wrap", b"\1" + image("mono8", 0x55555556, 2, 3, count=2))  # 3 rows: 2 bytes in 32 bits
 seed("image_message", "png", b"\0" + compressed(picture()))
 seed("mask_message", "mono8", image("mono8", 8))
+seed("label_message", "16UC1", image("16UC1", 16))
 seed("prior_depth_message", "float", image("32FC1", 32))
 seed("prior_depth_message", "thousandths", image("16UC1", 16))
 seed("point_cloud", "xyz", cloud(XYZ, [(0, 0, 1), (0, 0, 0), (1, 1, 2)]))

@@ -22,7 +22,7 @@ RigidTransform Pose(double x, double y, double yaw = 0) {
 }
 
 /// One point 2 in front of the camera.
-PointCloud OnePoint() { return {{{0, 0, 2}, {0, 0, -1}, {1, 2, 3}, 0.5f}}; }
+PointCloud OnePoint() { return {{{0, 0, 2}, {0, 0, -1}, {1, 2, 3}, 0, 0.5f}}; }
 
 void Add(MapStore* store, uint64_t id, int64_t stamp_ns, const RigidTransform& world_from_cam,
          const std::string& mapper = "mapper", uint64_t run = 0, const PathConvention& convention = {}) {

@@ -22,7 +22,8 @@ PointCloud Wall(float depth = 4) {
   PointCloud points;
   for (int i = 0; i < 400; ++i) {
     const float x = 0.033f * static_cast<float>(i % 20), y = 0.031f * static_cast<float>(i / 20);
-    points.push_back({{x, y, depth + 0.3f * x}, {0.6f, 0, -0.8f}, {10, static_cast<unsigned char>(i % 200), 30}, 0.7f});
+    points.push_back(
+        {{x, y, depth + 0.3f * x}, {0.6f, 0, -0.8f}, {10, static_cast<unsigned char>(i % 200), 30}, 0, 0.7f});
   }
   return points;
 }

@@ -15,7 +15,7 @@ PointCloud PlaneAt(float z, int side, float spacing) {
   PointCloud points;
   for (int i = 0; i < side; ++i) {
     for (int j = 0; j < side; ++j) {
-      points.push_back({{(i + 0.5f) * spacing, (j + 0.5f) * spacing, z}, {0, 0, -1}, {10, 20, 30}, 0.5f});
+      points.push_back({{(i + 0.5f) * spacing, (j + 0.5f) * spacing, z}, {0, 0, -1}, {10, 20, 30}, 0, 0.5f});
     }
   }
   return points;
@@ -44,7 +44,7 @@ TEST(MapStore, PutsKeyframesIntoTheWorld) {
   RigidTransform turned = RigidTransform::Identity();  // world x = camera z
   turned.linear() << 0, 0, 1, 0, 1, 0, -1, 0, 0;
   turned.translation() << 5, 0, 0;
-  Add(&store, 0, turned, {{{0.05f, 0.05f, 2.05f}, {0, 0, -1}, {1, 2, 3}, 0.25f}});
+  Add(&store, 0, turned, {{{0.05f, 0.05f, 2.05f}, {0, 0, -1}, {1, 2, 3}, 0, 0.25f}});
   const PointCloud map = store.WorldCloud().points;
   ASSERT_EQ(map.size(), 1u);
   // float32 of values below 10
@@ -265,7 +265,7 @@ PointCloud WallWith(bool with_post) {
     for (int j = -40; j < 40; ++j) {
       const bool post = with_post && std::abs(i) < 6;
       const float z = post ? 2 : 4, scale = post ? 0.5f : 1;
-      points.push_back({{0.02f * i * scale, 0.02f * j * scale, z}, {0, 0, -1}, {10, 20, 30}, 0.5f});
+      points.push_back({{0.02f * i * scale, 0.02f * j * scale, z}, {0, 0, -1}, {10, 20, 30}, 0, 0.5f});
     }
   }
   return points;

@@ -21,6 +21,7 @@ PointCloud MakeMap(int count) {
     map.push_back({{0.1f * static_cast<float>(i), -1.0f / 3, 1e-3f},
                    {0, 0.6f, -0.8f},
                    {200, 100, static_cast<unsigned char>(i)},
+                   0,
                    0.75f});
   }
   return map;

@@ -23,7 +23,7 @@ PlacedKeyframe Keyframe(const PointCloud& points) {
 PointCloud Wall(float depth) {
   PointCloud points;
   for (float x = -0.975f; x < 1; x += 0.02f) {
-    for (float y = -0.975f; y < 1; y += 0.02f) points.push_back({{x, y, depth}, {0, 0, -1}, {}, 0.9f});
+    for (float y = -0.975f; y < 1; y += 0.02f) points.push_back({{x, y, depth}, {0, 0, -1}, {}, 0, 0.9f});
   }
   return points;
 }
@@ -53,6 +53,33 @@ PlacedKeyframe Turned(const Eigen::Matrix3d& world_from_cam, double pitch_up, do
                         turn(roll, Eigen::Vector3d::UnitZ()))
                            .toRotationMatrix();
   return keyframe;
+}
+
+TEST(OccupancyMapTest, RaysGoThroughWhatIsNoObstacle) {
+  constexpr Label kGrass = 7;
+  PointCloud grass = Wall(1), wall = Wall(2);
+  for (SurfacePoint& point : grass) point.label = kGrass;
+  OccupancyLimits limits;
+  limits.passable = {kGrass};
+  const Eigen::Vector3d in_grass(1.02, 0.02, 1.02);
+  for (const bool passable : {false, true}) {
+    OccupancyMap map(0.05, passable ? limits : OccupancyLimits());
+    ASSERT_TRUE(map.Insert({Keyframe(grass)}));
+    EXPECT_EQ(At(map, in_grass), passable ? Occupancy::kFree : Occupancy::kOccupied);
+    EXPECT_EQ(At(map, {0.5, 0.02, 1.02}), Occupancy::kFree);
+  }
+  PointCloud mixed = grass;  // where one point is an obstacle its voxel is, whatever else is there
+  mixed.insert(mixed.end(), wall.begin(), wall.end());
+  SurfacePoint post = grass.front();
+  post.position = {0, 0, 1.01f};
+  post.label = 0;
+  mixed.push_back(post);
+  OccupancyMap map(0.05, limits);
+  ASSERT_TRUE(map.Insert({Keyframe(mixed)}));
+  EXPECT_EQ(At(map, {1.02, -0.02, 0.98}), Occupancy::kFree);
+  EXPECT_EQ(At(map, Keyframe({}).world_from_cam * Eigen::Vector3d(0, 0, 1.01)), Occupancy::kOccupied);
+  map.Remove(Keyframe(mixed));
+  EXPECT_EQ(map.voxels(), 0u);
 }
 
 TEST(OccupancyMapTest, CamerasTellWhetherZPointsUp) {
@@ -164,7 +191,7 @@ TEST(OccupancyMapTest, WhatIsBeyondOctoMapsReachGetsLargerVoxels) {
   PlacedKeyframe far = near;
   far.world_from_cam.translation().x() = 5000;
   EXPECT_FALSE(OccupancyMap(0.05).Insert({near, far})) << "1600 at most";
-  EXPECT_FALSE(OccupancyMap(0.05).Insert({Keyframe({{{0, 0, 5000}, {0, 0, -1}, {}, 1}})}));
+  EXPECT_FALSE(OccupancyMap(0.05).Insert({Keyframe({{{0, 0, 5000}, {0, 0, -1}, {}, 0, 1}})}));
   const auto map = MakeOccupancyMap({{near, far}, 0.0125}, 0);
   EXPECT_EQ(map->resolution(), 0.2);
   EXPECT_EQ(At(*map, {1, 0, 1}), Occupancy::kFree);

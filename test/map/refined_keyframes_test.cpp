@@ -40,7 +40,7 @@ KeyframePose PoseOf(int i, uint64_t world = 1) {
 /// The same point of the world, as each camera sees it.
 PointCloud PointOf(int i) {
   const Eigen::Vector3f p = (True(i).inverse() * kPoint).cast<float>();
-  return {{{p.x(), p.y(), p.z()}, {0, 0, -1}, {1, 2, 3}, 0.5f}};
+  return {{{p.x(), p.y(), p.z()}, {0, 0, -1}, {1, 2, 3}, 0, 0.5f}};
 }
 
 KeyframeKey KeyOf(int i) { return {"mapper", 1, static_cast<uint64_t>(i)}; }

@@ -15,7 +15,7 @@ namespace acmp {
 inline bool SameBytes(const PointCloud& a, const PointCloud& b) {
   return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](const auto& p, const auto& q) {
            return std::memcmp(&p.position, &q.position, sizeof(Vec3f)) == 0 && p.confidence == q.confidence &&
-                  std::memcmp(&p.normal, &q.normal, sizeof(Vec3f)) == 0 &&
+                  p.label == q.label && std::memcmp(&p.normal, &q.normal, sizeof(Vec3f)) == 0 &&
                   std::memcmp(&p.color, &q.color, sizeof(Rgb)) == 0;
          });
 }
@@ -34,7 +34,11 @@ PointCloud PointsOf(const SyntheticView& view, const Factor& factor) {
       if (!(view.true_depth(col, row) > 0)) continue;
       const double depth = factor() * view.true_depth(col, row);
       const Eigen::Vector3f p = camera.Unproject({col, row}, depth).cast<float>();
-      points.push_back({{p.x(), p.y(), p.z()}, view.true_normal(col, row), view.frame.color(col, row), 0.9f});
+      points.push_back({{p.x(), p.y(), p.z()},
+                        view.true_normal(col, row),
+                        view.frame.color(col, row),
+                        view.true_labels(col, row),
+                        0.9f});
     }
   }
   return points;

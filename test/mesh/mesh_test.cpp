@@ -221,7 +221,7 @@ TEST(VoxelSize, IsSoManyPixelsAtTheMedianDepth) {
 }
 
 TEST(SplatPoints, DrawsPointsThatAreNotApartOnce) {
-  const SurfacePoint near = {{0, 0, 1e-4f}, {0, 0, -1}, {9, 8, 7}, 0.5f};  // over the whole image
+  const SurfacePoint near = {{0, 0, 1e-4f}, {0, 0, -1}, {9, 8, 7}, 0, 0.5f};  // over the whole image
   const PosedCamera camera = {{200, 150, 200, 200, 100, 75}, RigidTransform::Identity()};
   const SurfaceMaps one = SplatPoints({near}, camera, kVoxel);
   const SurfaceMaps many = SplatPoints(PointCloud(1000000, near), camera, kVoxel);  // minutes, if all are drawn
@@ -231,10 +231,10 @@ TEST(SplatPoints, DrawsPointsThatAreNotApartOnce) {
 }
 
 TEST(SplatPoints, LeavesOutWhatNoCameraSees) {
-  const PointCloud points = {{{0, 0, -1}, {0, 0, -1}, {}, 1}, {{10, 0, 1}, {0, 0, -1}, {}, 1}};
+  const PointCloud points = {{{0, 0, -1}, {0, 0, -1}, {}, 0, 1}, {{10, 0, 1}, {0, 0, -1}, {}, 0, 1}};
   EXPECT_TRUE(SplatPoints(points, RigidTransform::Identity(), kVoxel).depth.empty());
   EXPECT_TRUE(SplatPoints({}, RigidTransform::Identity(), kVoxel).depth.empty());
-  const PointCloud one = {{{0, 0, 1}, {0, 0, -1}, {9, 8, 7}, 0.5f}};
+  const PointCloud one = {{{0, 0, 1}, {0, 0, -1}, {9, 8, 7}, 0, 0.5f}};
   const SurfaceMaps maps = SplatPoints(one, RigidTransform::Identity(), kVoxel);
   EXPECT_EQ(maps.depth.size(), 1u);
   EXPECT_NEAR(maps.depth(0, 0), 1, 1e-6);
@@ -242,13 +242,13 @@ TEST(SplatPoints, LeavesOutWhatNoCameraSees) {
   EXPECT_EQ(maps.color(0, 0).g, 8);
   // A square on the point's plane 0.6 x - 0.8 z = -0.8, here at x = 0.02 z.
   const PosedCamera camera = {{21, 21, 100, 100, 10, 10}, RigidTransform::Identity()};
-  const SurfaceMaps slanted = SplatPoints({{{0, 0, 1}, {0.6f, 0, -0.8f}, {}, 1}}, camera, 0.05);
+  const SurfaceMaps slanted = SplatPoints({{{0, 0, 1}, {0.6f, 0, -0.8f}, {}, 0, 1}}, camera, 0.05);
   EXPECT_NEAR(slanted.depth(12, 10), 0.8 / (0.8 - 0.6 * 0.02), 1e-5);
 }
 
 TEST(SplatPoints, AFewPointsMakeNoLargeImage) {
   const PosedCamera camera = {{4400, 4400, 4000, 4000, 2199.5, 2199.5}, RigidTransform::Identity()};
-  const SurfaceMaps maps = SplatPoints({{{0, 0, 2}, {0, 0, -1}, {}, 1}}, camera, 0.02);
+  const SurfaceMaps maps = SplatPoints({{{0, 0, 2}, {0, 0, -1}, {}, 0, 1}}, camera, 0.02);
   EXPECT_LE(maps.depth.size(), 640u * 480u);
   EXPECT_TRUE(maps.camera.camera == camera.camera.Resized(maps.depth.width(), maps.depth.height()));
   EXPECT_NEAR(maps.depth(maps.depth.width() / 2, maps.depth.height() / 2), 2, 1e-6);

@@ -491,6 +491,35 @@ TEST(MaskMessage, IsReadRowByRowWithoutPadding) {
   EXPECT_THAT(ErrorOf([&] { DecodeMask(*turned.image, camera); }), AllOf(HasSubstr("2x3"), HasSubstr("3x2")));
 }
 
+TEST(LabelMessage, HasEightOrSixteenBits) {
+  const PinholeCamera camera = {3, 1, 3, 3, 1, 0};
+  const auto labels_of = [&](const sensor_msgs::ImageConstPtr& message) {
+    const LabelImage labels = DecodeLabels(*ToLabelSample(message).image, camera);
+    return std::vector<int>(labels.begin(), labels.end());
+  };
+  for (const char* encoding : {"mono8", "8UC1"}) {
+    EXPECT_THAT(labels_of(MakeMessage<uint8_t>(encoding, 3, 1, 1, {0, 7, 255})), ElementsAre(0, 7, 255));
+  }
+  for (const char* encoding : {"mono16", "16UC1"}) {
+    EXPECT_THAT(labels_of(MakeMessage<uint16_t>(encoding, 3, 1, 1, {0, 7, 255})), ElementsAre(0, 7, 255));
+  }
+  const auto swapped = MakeMessage<uint16_t>("16UC1", 3, 1, 0, {0, 0x0700, 0});
+  swapped->is_bigendian = 1;
+  EXPECT_THAT(labels_of(swapped), ElementsAre(0, 7, 0));
+  EXPECT_THAT(ErrorOf([&] {
+                labels_of(MakeMessage<uint16_t>("16UC1", 3, 1, 0, {0, 0, 256}));
+              }),
+              AllOf(HasSubstr("(2, 0)"), HasSubstr("256"), HasSubstr("255")));
+  EXPECT_THAT(ErrorOf([&] {
+                labels_of(MakeMessage<uint8_t>("8UC1", 2, 3, 0, {0, 1, 255, 7, 0, 0}));
+              }),
+              AllOf(HasSubstr("2x3"), HasSubstr("3x1")));
+  EXPECT_THAT(ErrorOf([&] {
+                labels_of(MakeMessage<float>("32FC1", 3, 1, 0, {0, 1, 2}));
+              }),
+              AllOf(HasSubstr("32FC1"), HasSubstr("16UC1")));
+}
+
 TEST(PriorDepthMessage, FloatIsReadAsItIsAndWhatIsNoDepthIsUnknown) {
   const auto message = MakeMessage<float>("32FC1", 3, 2, 4, {1.5f, NAN, -2, INFINITY, 0, 7});
   EXPECT_THAT(Decode(message), ElementsAre(1.5f, 0, 0, 0, 0, 7));

@@ -32,7 +32,8 @@ KeyframeOutput MakeOutput() {
   frame->jpeg = std::make_shared<const std::string>("a picture");
   auto maps = std::make_shared<KeyframeDepth>();
   maps->frame = std::move(frame);
-  return {maps, {}, PointCloud{{{1, 2, 3}, {0, 0, -1}, {4, 5, 6}, 0.5f}, {{7, 8, 9}, {0, 0, -1}, {1, 1, 1}, 0.25f}}};
+  return {
+      maps, {}, PointCloud{{{1, 2, 3}, {0, 0, -1}, {4, 5, 6}, 0, 0.5f}, {{7, 8, 9}, {0, 0, -1}, {1, 1, 1}, 0, 0.25f}}};
 }
 
 TEST(KeyframePoints, SayWhereARefinedPoseLies) {

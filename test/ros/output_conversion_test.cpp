@@ -37,12 +37,13 @@ TEST(ToDepthMillimetres, RoundsAndLeavesOutWhatDoesNotFit) {
   EXPECT_THAT(std::vector<uint16_t>(values, values + 4), ::testing::ElementsAre(0, 1500, 2500, 0));
 }
 
-PointCloud MakePoints(int count) {
+PointCloud MakePoints(int count, bool labels = false) {
   PointCloud points;
   for (int i = 0; i < count; ++i) {
     points.push_back({{0.1f * static_cast<float>(i), -1.0f / 3, 3e-30f},
                       {0, 0.6f, -0.8f},
                       {200, 100, static_cast<unsigned char>(i)},
+                      labels ? static_cast<Label>(i % 3) : Label{0},
                       0.75f});
   }
   return points;
@@ -86,11 +87,43 @@ TEST(Pcl, ReadsOurMessagesAndFiles) {
   }
 }
 
+TEST(Pcl, ReadsLabelsWherePointsHaveSome) {
+  EXPECT_EQ(ToCloudMessage(MakePoints(3), std_msgs::Header())->point_step, 32u);
+  const PointCloud points = MakePoints(7, true);
+  const auto message = ToCloudMessage(points, std_msgs::Header());
+  const auto expect_same = [&](const pcl::PointCloud<pcl::PointXYZRGBL>& cloud) {
+    ASSERT_EQ(cloud.size(), points.size());
+    for (size_t i = 0; i < points.size(); ++i) {
+      EXPECT_EQ(cloud[i].label, points[i].label);
+      EXPECT_EQ(cloud[i].b, points[i].color.b);
+    }
+  };
+  pcl::PointCloud<pcl::PointXYZRGBL> cloud;
+  pcl::fromROSMsg(*message, cloud);
+  expect_same(cloud);
+  const auto folder = std::filesystem::path(testing::TempDir()) / "pcl_reads_labels";
+  std::filesystem::create_directories(folder);
+  for (const bool binary : {true, false}) {
+    const std::string pcd = (folder / "map.pcd").string(), ply = (folder / "map.ply").string();
+    WriteMap(pcd, {points}, MapFormat::kPcd, binary);
+    ASSERT_EQ(pcl::io::loadPCDFile(pcd, cloud), 0);
+    expect_same(cloud);
+    WriteMap(ply, {points}, MapFormat::kPly, binary);
+    const PointCloud read = ReadPly(ply);
+    ASSERT_EQ(read.size(), points.size());
+    for (size_t i = 0; i < points.size(); ++i) EXPECT_EQ(read[i].label, points[i].label);
+  }
+  const PointCloud back = ToPointCloud(*message);
+  for (size_t i = 0; i < points.size(); ++i) EXPECT_EQ(back.at(i).label, points[i].label);
+  message->data.at(2 * message->point_step - 3) = 1;  // of the second point's label, 1 and 256
+  EXPECT_THAT(ErrorOf([&] { ToPointCloud(*message); }), AllOf(HasSubstr("point 1 = 257"), HasSubstr("255")));
+}
+
 TEST(CheckCloudSize, RefusesWhatAMessageCannotHold) {
   // 2^32 bytes and more: sizes in the message are 32-bit numbers and would wrap around.
   constexpr size_t kLimit = std::numeric_limits<uint32_t>::max();
-  EXPECT_NO_THROW(CheckCloudSize(kLimit / kPackedPointBytes, kLimit));
-  EXPECT_THAT(ErrorOf([] { CheckCloudSize(kLimit / kPackedPointBytes + 1, kLimit); }),
+  EXPECT_NO_THROW(CheckCloudSize(kLimit / 32, 32, kLimit));
+  EXPECT_THAT(ErrorOf([] { CheckCloudSize(kLimit / 32 + 1, 32, kLimit); }),
               AllOf(HasSubstr("134217728 points"), HasSubstr("~voxel_size")));
 }
 

@@ -202,7 +202,7 @@ TEST_F(ServicesTest, AHundredInventedMappersLockNoneOut) {
   head.world_frame = kWorldFrame;
   for (int i = 0; i <= 100; ++i) {
     head.key = {"/mapper_" + std::to_string(i), 1, 1};
-    acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, {{{0, 0, 1}, {0, 0, -1}, {}, 1}});
+    acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, {{{0, 0, 1}, {0, 0, -1}, {}, 0, 1}});
     message->count = 1;
     publisher.publish(message);
   }

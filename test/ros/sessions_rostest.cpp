@@ -120,7 +120,7 @@ TEST_F(SessionsTest, AKeyframeWhoseImageCannotBeKeptIsInTheMapWithoutIt) {
   head.key = {"/other", 1, 1};
   head.pose.camera = {64, 48, 50, 50, 31.5, 23.5};
   head.world_frame = kWorldFrame;
-  acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, {{{0, 0, 1}, {0, 0, -1}, {}, 1}});
+  acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, {{{0, 0, 1}, {0, 0, -1}, {}, 0, 1}});
   message->count = 1;
   FillImage("no image", message.get());
   publisher.publish(message);

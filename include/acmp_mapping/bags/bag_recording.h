@@ -24,13 +24,15 @@ constexpr char kCameraFrame[] = "camera_optical";
 struct RecordingOptions {
   double rate_hz = 5;      ///< images per second of bag time, 0.001..1000
   int max_image_size = 0;  ///< px of the longer side; 0: as stored
+  bool labels = false;     ///< of a synthetic scene: what each pixel shows
 };
 /// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const RecordingOptions& options);
 
 /// Topics of a recorded bag.
 constexpr char kImageTopic[] = "/camera/image_raw";
-constexpr char kMaskTopic[] = "/slam/mask";  ///< of images that have one (AddMasks): mono8, of the image's size
+constexpr char kMaskTopic[] = "/slam/mask";     ///< of images that have one (AddMasks): mono8, of the image's size
+constexpr char kLabelTopic[] = "/slam/labels";  ///< mono8: SyntheticLabel
 constexpr char kCameraInfoTopic[] = "/camera/camera_info";
 constexpr char kRightImageTopic[] = "/camera_right/image_raw";         ///< of views that have a right image
 constexpr char kRightCameraInfoTopic[] = "/camera_right/camera_info";  ///< its P has the baseline
@@ -59,8 +61,8 @@ RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const 
 
 // Messages of a recorded bag from the core's types. Headers are the caller's.
 
-/// mono8, 0 = ignore.
-sensor_msgs::Image ToMaskMessage(const Mask& mask, const std_msgs::Header& header);
+/// mono8: a mask (0 = ignore) or labels (0 = unknown).
+sensor_msgs::Image ToMono8Message(const Image<unsigned char>& image, const std_msgs::Header& header);
 
 /// K, P = [K 0], R = identity and the distortion under ROS's names: plumb_bob (5 coefficients; zero when there is
 /// none), rational_polynomial (8) and equidistant (4).

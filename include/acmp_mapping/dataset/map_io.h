@@ -61,13 +61,13 @@ std::vector<ListedCamera> ReadCameraList(const std::filesystem::path& path);
 /// @param comment lines before it, without '#'
 void WriteCalibration(const std::filesystem::path& path, const Lens& lens, const std::string& comment);
 
-/// PLY: x y z nx ny nz (float), red green blue (uchar), confidence (float).
+/// PLY: x y z nx ny nz (float), red green blue (uchar), confidence (float); label (uchar) where points have labels.
 /// @param origin of the points' coordinates (LocalOrigin), which is added: unless it is zero, x y z are double
 /// @param binary little-endian; else text
 void WritePly(const std::filesystem::path& path, const PointCloud& points,
               const Eigen::Vector3d& origin = Eigen::Vector3d::Zero(), bool binary = true);
-/// The same of points that come in several clouds, so that never all of them have to be held. The header's length does
-/// not depend on their number: a comment fills it up.
+/// The same, without labels, of points that come in several clouds, so that never all of them have to be held. The
+/// header's length does not depend on their number: a comment fills it up.
 class PlyFile {
  public:
   /// @param durability of the finished file

@@ -9,10 +9,10 @@
 
 namespace acmp {
 
-/// A cloud in 20 bytes per point instead of 32. Positions and colours keep their bits. Normals are unit vectors within
-/// 0.06 degrees of what was given, in 2 x 12 bits of an octahedron (Cigolle et al., A Survey of Efficient
-/// Representations for Independent Unit Vectors, JCGT 2014), or 0 where 0 or NaN was given; confidences are multiples
-/// of 1 / 65535. Packed again they stay the same.
+/// A cloud in 20 bytes per point instead of 32; 21 where points have labels. Positions, colours and labels keep their
+/// bits. Normals are unit vectors within 0.06 degrees of what was given, in 2 x 12 bits of an octahedron (Cigolle et
+/// al., A Survey of Efficient Representations for Independent Unit Vectors, JCGT 2014), or 0 where 0 or NaN was given;
+/// confidences are multiples of 1 / 65535. Packed again they stay the same.
 class PackedCloud {
  public:
   PackedCloud() = default;
@@ -33,6 +33,7 @@ class PackedCloud {
   static_assert(sizeof(Point) == 20, "what a map takes");
 
   std::vector<Point> points_;
+  std::vector<Label> labels_;  ///< of each point; empty: none has one
 };
 using PackedCloudPtr = std::shared_ptr<const PackedCloud>;
 

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "acmp_mapping/image/image.h"
+#include "acmp_mapping/image/label.h"
 
 namespace acmp {
 
@@ -13,8 +14,10 @@ struct SurfacePoint {
   Vec3f position;
   Vec3f normal;  ///< unit
   Rgb color;
+  Label label = 0;
   float confidence = 0;  ///< 0..1
 };
+static_assert(sizeof(SurfacePoint) == 32, "the label is where padding would be");
 
 using PointCloud = std::vector<SurfacePoint>;
 

@@ -9,7 +9,8 @@
 
 namespace acmp {
 
-/// One averaged point per occupied voxel (position, normal, colour and confidence, weighted by confidence). Grid of
+/// One averaged point per occupied voxel (position, normal, colour and confidence, weighted by confidence, as are votes
+/// for its label). Grid of
 /// `voxel_size` seeded at the origin; a voxel whose confidences are all 0 is averaged without weights. Throws
 /// InvalidInputError unless voxel_size > 0 and finite, positions are finite and within 2^31 voxels of the origin,
 /// confidences are in 0..1 and there are less than 2^32 points. Voxels come in the order of their coordinates.

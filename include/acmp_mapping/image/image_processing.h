@@ -3,6 +3,7 @@
 #include <opencv2/core/mat.hpp>
 
 #include "acmp_mapping/image/image.h"
+#include "acmp_mapping/image/label.h"
 
 namespace acmp {
 
@@ -21,5 +22,7 @@ GrayImage Resize(const GrayImage& image, int width, int height);
 /// Depth of an image at another size: the nearest pixel's, since between two surfaces there is none. What is not
 /// positive and finite becomes 0, unknown.
 DepthMap ResizeDepth(const DepthMap& depth, int width, int height);
+/// The nearest pixel's, too.
+LabelImage ResizeLabels(const LabelImage& labels, int width, int height);
 
 }  // namespace acmp

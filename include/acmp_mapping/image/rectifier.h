@@ -7,6 +7,7 @@
 
 #include "acmp_mapping/geometry/lens.h"
 #include "acmp_mapping/image/image.h"
+#include "acmp_mapping/image/label.h"
 #include "acmp_mapping/image/mask.h"
 
 namespace acmp {
@@ -44,6 +45,10 @@ class Rectifier {
   /// @param depth of the image as taken, at any size; empty: gives an empty one. z, but distances from the camera's
   ///   centre where the image becomes faces: z says little there, and nothing from 90 degrees on
   DepthMap RectifyDepth(const DepthMap& depth) const;
+
+  /// Labels of the rectified image: the nearest pixel's; unknown where the lens sees nothing. Throws as Rectify does.
+  /// @param labels of the image as taken; empty: gives an empty one
+  LabelImage RectifyLabels(const LabelImage& labels) const;
 
  private:
   bool ChangesNothing() const;

@@ -16,7 +16,7 @@ namespace acmp {
 struct InputMatcherOptions {
   double sync_tolerance_s = 1e-3;    ///< between the stamps of image and pose, 0..10
   double sparse_wait_s = 0.1;        ///< an image with a pose waits so long (wall time) for its own cloud, 0..10
-  double mask_wait_s = 0.5;          ///< and so long for its mask, prior depth and source images, 0..10
+  double mask_wait_s = 0.5;          ///< and so long for its mask, prior depth, labels and source images, 0..10
   int image_capacity = 30;           ///< images that wait for their pose, 1..1000
   int source_cameras = 0;            ///< 0..kMaxSourceCameras
   double source_tolerance_s = 5e-3;  ///< between the stamps of an image and those of source cameras, 0..0.1
@@ -27,6 +27,7 @@ constexpr int kMaxSourceCameras = 4;  ///< that bring source images beside the m
 enum CompanionStream : size_t {
   kMaskStream,
   kPriorDepthStream,
+  kLabelStream,
   kSourceStream
 };  ///< the last: of source camera 0, the others follow
 
@@ -140,9 +141,9 @@ class StreamBuffer {
 ///
 /// An image takes the pose of its stamp (kSameExposureNs), else that between the poses before and after it where both
 /// are within the tolerance, else the nearest within. A pose earlier than the image by more than kSameExposureNs is
-/// taken only once a later one has come. A mask or prior depth belongs to the image of its stamp, rounding aside, a
-/// source camera's image to that within its tolerance, and is not waited for once one of a later image has come.
-/// Matches come out in the order of the images' stamps; images that were overtaken by a match are dropped, since
+/// taken only once a later one has come. A mask, prior depth or labels belong to the image of its stamp, rounding
+/// aside, a source camera's image to that within its tolerance, and is not waited for once one of a later image has
+/// come. Matches come out in the order of the images' stamps; images that were overtaken by a match are dropped, since
 /// frontends need not give every image a pose.
 class InputMatcher {
  public:

@@ -16,7 +16,7 @@ struct EncodedImage;  // an image message, not yet decoded
 // Stamps are nanoseconds: doubles cannot tell neighbouring stamps of today's clocks apart (they resolve 119 ns).
 
 /// An image, or what belongs to one and is one itself, as it came: a mask (0 = ignore the image's pixel), depth from
-/// outside, the image of another camera.
+/// outside, labels, the image of another camera.
 struct ImageSample {
   int64_t stamp_ns = 0;
   std::shared_ptr<const EncodedImage> image;

@@ -7,6 +7,7 @@
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
 #include "acmp_mapping/image/image.h"
+#include "acmp_mapping/image/label.h"
 #include "acmp_mapping/image/mask.h"
 
 namespace acmp {
@@ -28,6 +29,7 @@ struct Frame {
   /// Depth z from outside (a network, another sensor), of the same size, up to what PriorDepthOptions says; 0: unknown.
   /// Empty: none.
   DepthMap prior_depth = {};
+  LabelImage labels = {};  ///< of the same size; empty: none
 };
 
 using FramePtr = std::shared_ptr<const Frame>;
@@ -46,9 +48,10 @@ struct Capture {
 /// @param mask of the image; empty: all pixels count
 /// @param prior_depth of the whole image at any size: pixels of the frame take the nearest of its pixels, since between
 ///   two surfaces there is none; what is not positive and finite is unknown. Empty: none
+/// @param labels the same
 Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
                 const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world, int max_size = 0,
-                const Mask& mask = {}, const DepthMap& prior_depth = {});
+                const Mask& mask = {}, const DepthMap& prior_depth = {}, const LabelImage& labels = {});
 
 /// The points as a PointCloud2 carries them: every coordinate rounded to float, returned in double.
 std::vector<Eigen::Vector3d> RoundedToFloat(const std::vector<Eigen::Vector3d>& points);

@@ -59,15 +59,17 @@ ColmapFolder WriteColmapFolder(
     const std::filesystem::path& path, const PlacedKeyframes& map, const std::function<void()>& check = [] {});
 
 /// Points as PCD files and ROS messages have them: x y z rgb normal_x normal_y normal_z confidence, each a
-/// little-endian float32; the bits of rgb are 0x00rrggbb, as PCL reads it.
+/// little-endian float32, and where points have labels these, as uint32; the bits of rgb are 0x00rrggbb. So PCL reads
+/// them.
 constexpr const char* kPackedFields[] = {"x", "y", "z", "rgb", "normal_x", "normal_y", "normal_z", "confidence"};
-constexpr size_t kPackedPointBytes = 32;
+constexpr char kPackedLabel[] = "label";
+constexpr size_t PackedPointBytes(bool labels) { return labels ? 36 : 32; }
 
-/// @param target kPackedPointBytes per point
-void PackPoints(const SurfacePoint* points, size_t count, uint8_t* target);
+/// @param target PackedPointBytes per point
+void PackPoints(const SurfacePoint* points, size_t count, bool labels, uint8_t* target);
 
-/// Back again, without a change.
-/// @param source kPackedPointBytes per point
-PointCloud UnpackPoints(const uint8_t* source, size_t count);
+/// Back again, without a change. Throws InvalidInputError for a label above kMaxLabel.
+/// @param source PackedPointBytes per point
+PointCloud UnpackPoints(const uint8_t* source, size_t count, bool labels);
 
 }  // namespace acmp

@@ -8,6 +8,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <set>
 #include <vector>
 
 #include "acmp_mapping/map/map_store.h"
@@ -32,11 +33,12 @@ constexpr float kMinOccupancyConfidence = 0.5f;
 /// The default resolution, in voxels of the map.
 constexpr double kOccupancyVoxels = 4;
 
-/// What an OccupancyMap may cost. What is farther away or seen in more detail costs more without bound: the map of a
-/// scene is made of larger voxels instead.
+/// What an OccupancyMap may cost, and what is an obstacle. What is farther away or seen in more detail costs more
+/// without bound: the map of a scene is made of larger voxels instead.
 struct OccupancyLimits {
   size_t max_bytes = 1000000000;        ///< of its voxels, its slice and one keyframe's rays
   std::function<void()> check = [] {};  ///< called before each keyframe; what it throws ends the work
+  std::set<Label> passable = {};        ///< of points that are no obstacles, as grass: rays go through them
 };
 
 /// A voxel: floor(coordinate / resolution).

@@ -10,6 +10,7 @@
 #include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/intake/rig_check.h"
 #include "acmp_mapping/ros/keyframe_outputs.h"
+#include "acmp_mapping/ros/label_file.h"
 
 namespace acmp {
 
@@ -20,10 +21,11 @@ struct PreparationOptions {
 };
 
 /// Makes frames of posed images: decodes and rectifies them, with what belongs to them. An image that cannot be used is
-/// an InvalidInputError; a mask, prior depth or source image is told and left out. One thread prepares; rigs may be
-/// judged by another.
+/// an InvalidInputError; a mask, prior depth, labels or a source image are told and left out. One thread prepares; rigs
+/// may be judged by another.
 class FramePreparation {
  public:
+  /// Throws InvalidInputError as LabelTable does.
   /// @param options outlive it
   /// @param fixed_mask of all images as sent; empty: none
   /// @param report told of what is left out and of what was assumed
@@ -55,14 +57,17 @@ class FramePreparation {
   std::vector<FramePtr> PrepareFrames(const KeyframeInput& input, const PreparationOptions& how, int keep_images);
   std::vector<FramePtr> PrepareCompanions(const KeyframeInput& input, const Frame& keyframe,
                                           const PreparationOptions& how);
-  /// Of the image as sent: what the mask of all images and its own leave.
-  Mask MaskOf(const KeyframeInput& input);
+  /// Of the image as sent: what the mask of all images, its own and its labels leave.
+  Mask MaskOf(const KeyframeInput& input, const LabelImage& labels);
+  /// Of the image as sent; empty: it has none.
+  LabelImage LabelsOf(const KeyframeInput& input);
   /// Of the image as sent; empty: it has none.
   DepthMap PriorDepthOf(const KeyframeInput& input, bool is_used);
   RigCheck& RigCheckOf(const std::string& topic);
 
   const NodeOptions& options_;
   const Mask fixed_mask_;
+  const LabelTable label_table_;
   const std::function<void(const RejectedInput&)> report_;
   Camera camera_;
   std::map<std::string, Camera> source_cameras_;  ///< by topic

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -19,6 +20,7 @@
 #include "acmp_mapping/dataset/raw_image.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/geometry/lens.h"
+#include "acmp_mapping/image/label.h"
 #include "acmp_mapping/image/mask.h"
 #include "acmp_mapping/intake/sensor_samples.h"
 
@@ -76,6 +78,10 @@ using CalibrationPtr = std::shared_ptr<const CameraCalibration>;
 
 bool operator==(const CameraCalibration& a, const CameraCalibration& b);
 
+/// Calls a function that reads a file, of 1 MB at most. Throws InvalidInputError that names parameter and path: where
+/// there is no such file, and with what the function throws.
+void ReadSmallFile(const char* parameter, const std::string& path, const std::function<void()>& read);
+
 /// Reads what camera_calibration writes, YAML or INI, and YAML of a CameraInfo message, as `rostopic echo` prints it,
 /// under any name. Throws InvalidInputError if the file cannot be read, naming what a YAML file lacks, or
 /// the size that a matrix has and must have, and where ToCalibration refuses its camera. All messages name the file.
@@ -86,6 +92,12 @@ sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path, bool rectif
 ImageSample ToMaskSample(const sensor_msgs::ImageConstPtr& message);
 /// What it says of the image's pixels. Throws InvalidInputError where it has another size than the camera's images.
 Mask DecodeMask(const EncodedImage& mask, const PinholeCamera& camera);
+
+/// The labels of an image. Throws InvalidInputError for an encoding other than 8UC1, mono8, 16UC1 and mono16, or too
+/// few bytes.
+ImageSample ToLabelSample(const sensor_msgs::ImageConstPtr& message);
+/// Throws InvalidInputError for another size than that of the camera's images, and for a label above kMaxLabel.
+LabelImage DecodeLabels(const EncodedImage& labels, const PinholeCamera& camera);
 
 /// Depth from outside of an image, at any size. Throws InvalidInputError for an encoding other than 32FC1 (z in the
 /// world's unit) and 16UC1 or mono16 (thousandths), for a side of 0 or more than 32767 px, and for too few bytes.

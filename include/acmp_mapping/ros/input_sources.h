@@ -27,6 +27,7 @@ struct InputStatus {
     kExtrinsic,
     kMask,
     kPriorDepth,
+    kLabels,
     kSourceImage,
     kSourceInfo
   };

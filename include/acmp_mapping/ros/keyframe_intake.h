@@ -45,6 +45,7 @@ struct KeyframeInput : KeyframeOrigin {
   std::shared_ptr<const EncodedImage> image;
   std::shared_ptr<const EncodedImage> mask;         ///< of the image as sent; null: it has none
   std::shared_ptr<const EncodedImage> prior_depth;  ///< the same
+  std::shared_ptr<const EncodedImage> labels;       ///< the same
   CalibrationPtr calibration;
   std::vector<SourceImage> source_images;  ///< of source cameras, as far as they came
   std::vector<Eigen::Vector3d> landmarks_in_world;

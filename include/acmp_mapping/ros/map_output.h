@@ -16,6 +16,7 @@
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/ros/incident_log.h"
+#include "acmp_mapping/ros/label_file.h"
 #include "acmp_mapping/ros/options.h"
 
 namespace acmp {
@@ -66,10 +67,11 @@ ros::Publisher AdvertiseLatched(ros::NodeHandle* nh, const char* name, PublishPa
   return nh->advertise<Message>(name, 1, on_connect, ros::SubscriberStatusCallback(), ros::VoidConstPtr(), true);
 }
 
-/// The topic map_points (latched) and the file of save_map. SetHeader and PublishNothing may be called in any thread,
-/// the rest belongs to one.
+/// The topics map_points and map_labels (latched) and the file of save_map. SetHeader and PublishNothing may be called
+/// in any thread, the rest belongs to one.
 class MapOutput {
  public:
+  /// Throws InvalidInputError as LabelTable does.
   /// @param map outlives this
   /// @param report told why a topic is not published, and what is less than it should be; any thread
   MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options,
@@ -96,7 +98,7 @@ class MapOutput {
   /// Publishes when PublishPace says so, at options.map_publish_rate.
   void PublishIfDue();
 
-  /// By memory_limit; ends with Stop.
+  /// By memory_limit and label_file; ends with Stop.
   OccupancyLimits LimitsOfOccupancy() const;
   /// How much coarser than it should be an occupancy map is; empty where it is not.
   std::string DescribeCoarse(const OccupancyMap& occupancy, double voxel_size) const;
@@ -129,8 +131,10 @@ class MapOutput {
   std::unique_ptr<tf2_ros::StaticTransformBroadcaster> local_frame_;  ///< none before it is needed
   std::mutex publish_mutex_;                                          ///< held while a message is handed to roscpp
   std::atomic<uint64_t> emptied_{0};                                  ///< how often; changes with publish_mutex_ held
+  const LabelTable label_table_;
   PublishPace points_pace_;
   ros::Publisher points_;
+  ros::Publisher labels_;  ///< the points in the colours of their classes, while somebody listens
 };
 
 }  // namespace acmp

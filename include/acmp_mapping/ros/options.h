@@ -79,6 +79,7 @@ struct NodeOptions {
   WideFaces wide_faces = WideFaces::kAuto;
   double field_of_view = 0;                      ///< deg, as Lens takes it
   std::string mask_file;                         ///< of the image as sent; empty = none
+  std::string label_file;                        ///< as LabelTable reads it; empty = none
   std::vector<RigidTransform> cam_from_sources;  ///< of each source camera; empty = told by camera_info or tf
   std::string source_calibration_file;           ///< of each source camera, separated by commas; empty = camera_info
   PoseSource pose_source = PoseSource::kPose;
@@ -169,6 +170,7 @@ struct MapServerOptions {
   double mesh_time = 0.1;                   ///< s, of an update
   double mesh_memory_gb = 0.25;             ///< of its voxels
   double memory_limit_gb = kMemoryLimitGb;  ///< of a message or a file while it is worked on
+  std::string label_file;                   ///< as LabelTable reads it; empty: none
   std::string save_folder;                  ///< save_map and sessions: only below it; never empty once loaded
   std::string load_session;                 ///< loaded at start; empty: none
 

@@ -29,10 +29,10 @@ sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_m
 nav_msgs::OccupancyGridPtr ToOccupancyGrid(const OccupancySlice& slice, const std_msgs::Header& header);
 
 /// Throws InvalidInputError when a message of so many points would have more bytes than `limit`.
-void CheckCloudSize(size_t points, size_t limit);
+void CheckCloudSize(size_t points, size_t point_bytes, size_t limit);
 
-/// x y z rgb normal_x normal_y normal_z confidence; unordered. Throws InvalidInputError above 4 GB, which the message's
-/// sizes cannot express.
+/// x y z rgb normal_x normal_y normal_z confidence, and where points have labels label; unordered. Throws
+/// InvalidInputError above 4 GB, which the message's sizes cannot express.
 void FillCloud(const PointCloud& points, const std_msgs::Header& header, sensor_msgs::PointCloud2* message);
 sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header);
 /// Back again, without a change. Throws InvalidInputError for a message of any other layout.

@@ -18,6 +18,7 @@ constexpr char kSparsePointsV1[] = "sparse_points_v1";
 constexpr char kKeyframe[] = "keyframe";
 constexpr char kMask[] = "mask";
 constexpr char kPriorDepth[] = "prior_depth";
+constexpr char kLabels[] = "labels";
 // Of the first source camera and of the others.
 constexpr const char* kSourceImages[] = {"source_image", "source_image_2", "source_image_3", "source_image_4"};
 constexpr const char* kSourceCameraInfos[] = {"source_camera_info", "source_camera_info_2", "source_camera_info_3",
@@ -38,6 +39,7 @@ constexpr char kNormal[] = "normal/image";
 constexpr char kNormalPicture[] = "normal/image_vis";
 constexpr char kPoints[] = "points";
 constexpr char kMapPoints[] = "map_points";
+constexpr char kMapLabels[] = "map_labels";
 constexpr char kOccupancy[] = "occupancy";
 constexpr char kMesh[] = "mesh";
 constexpr char kDistanceSlice[] = "distance_slice";

@@ -25,6 +25,20 @@ enum class SyntheticPlace {
   kStreet,
 };
 
+/// Classes of what the places show, see config/labels.yaml. What stands in another place than the room is kThing.
+enum SyntheticLabel : Label {
+  kFloor = 1,
+  kCeiling,
+  kWall,
+  kSky,
+  kTrim,
+  kTable,
+  kTableware,
+  kFurniture,
+  kPicture,
+  kThing
+};
+
 /// From light to grey levels: a lens, a shutter and a linear sensor with the noise of the EMVA 1288 standard (variance
 /// linear in the signal), clipped and rounded to 8 bits. The default is a camera that only has noise.
 struct ImagingModel {
@@ -75,6 +89,7 @@ struct SyntheticView {
   DepthMap true_depth;
   NormalMap true_normal;             ///< camera frame; 0: sky
   Image<unsigned char> low_texture;  ///< 1 on surfaces of one colour, 0 elsewhere
+  LabelImage true_labels;            ///< SyntheticLabel
   SyntheticPlace place = SyntheticPlace::kRoom;
   double exposure = 1;         ///< factor on the light
   DepthMap shown_depth;        ///< as true_depth, of what the image shows: with what moves. Empty where nothing does
@@ -89,7 +104,8 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
 /// Throws InvalidInputError unless SampleSyntheticSurface takes it.
 void CheckSurfaceSpacing(float spacing_m);
 
-/// Points on the true surfaces seen by at least one of the views, about `spacing_m` apart, for cloud metrics.
+/// Points on the true surfaces seen by at least one of the views, with their labels, about `spacing_m` apart, for cloud
+/// metrics.
 PointCloud SampleSyntheticSurface(const std::vector<SyntheticView>& views, float spacing_m);
 
 /// Writes a synthetic scene as a dataset folder: images/, cameras.txt, sparse/ (COLMAP model) and sparse.ply,
