@@ -31,14 +31,8 @@ set(CPACK_DEBIAN_PACKAGE_SUGGESTS "colmap, python3-distributed")
 
 # Tools on PATH; rosrun looks in lib/acmp_mapping. The links are made where they lead somewhere: roslib fails at others that
 # it finds in a build folder.
-set(programs acmp_cluster.py)
-foreach(program acmp_reconstruct acmp_evaluate acmp_make_bag acmp_check_bag acmp_make_scene acmp_benchmark)
-  if(TARGET ${program})
-    list(APPEND programs ${program})
-  endif()
-endforeach()
 install(CODE "file(MAKE_DIRECTORY \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/bin\")
-foreach(program ${programs})
+foreach(program ${ACMP_PROGRAMS})
   file(CREATE_LINK ../lib/${PROJECT_NAME}/\${program} \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/bin/\${program}\" SYMBOLIC)
 endforeach()")
 
@@ -72,8 +66,8 @@ set(CPACK_DEBIAN_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_PACKAGE_HOMEPAGE "")
 set(CPACK_PACKAGE_CONTACT "acmp_mapping maintainers <maintainers@users.noreply.h-seed-21c1a8d1.example>")
 set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "online dense mapping for any SLAM frontend (ROS 1)")
-set(CPACK_DEBIAN_PACKAGE_DESCRIPTION "Planar prior assisted PatchMatch multi-view stereo (ACMP) on CPU or CUDA, as nodelets
- beside a SLAM frontend and as tools for recordings and photographs.")
+set(CPACK_DEBIAN_PACKAGE_DESCRIPTION "Planar prior assisted PatchMatch multi-view stereo (ACMP) on CPU or CUDA,
+ as nodelets beside a SLAM frontend and as tools for recordings and photographs.")
 set(CPACK_STRIP_FILES ON)
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
 include(CPack)

@@ -1,8 +1,10 @@
 # Installs what a ROS workspace needs at run time.
 install(TARGETS acmp_mapping_nodelets LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION})
 install(TARGETS dense_mapper_node map_server_node RUNTIME DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+set(ACMP_PROGRAMS acmp_cluster.py)  # for PATH
 foreach(tool acmp_reconstruct acmp_evaluate acmp_make_bag acmp_check_bag acmp_make_scene acmp_benchmark)
   if(TARGET ${tool})
+    list(APPEND ACMP_PROGRAMS ${tool})
     install(TARGETS ${tool} RUNTIME DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
   endif()
 endforeach()
