@@ -14,13 +14,13 @@ namespace {
 constexpr int kReach = 1;  ///< px: around a point's place in the first view other pixels vote, too
 
 /// Of the pixels up to `reach` px around one that show a surface at a depth.
-void AddVotes(const LabeledView& view, const Eigen::Vector2i& pixel, double depth, double max_relative_depth, int reach,
+void AddVotes(const LabeledView& view, int at_col, int at_row, float depth, float max_relative_depth, int reach,
               LabelVotes* votes) {
   const ImageView<const float> depths = view.depth;
-  for (int row = pixel.y() - reach; row <= pixel.y() + reach; ++row) {
-    for (int col = pixel.x() - reach; col <= pixel.x() + reach; ++col) {
+  for (int row = at_row - reach; row <= at_row + reach; ++row) {
+    for (int col = at_col - reach; col <= at_col + reach; ++col) {
       if (!depths.Contains(col, row)) continue;
-      const double error = std::abs(depths(col, row) - depth);
+      const float error = std::abs(depths(col, row) - depth);
       if (error < max_relative_depth * depth) votes->Add((*view.labels)(col, row), 1);
     }
   }
@@ -47,9 +47,13 @@ Label LabelVotes::Winner() const {
 void VoteForLabels(const std::vector<LabeledView>& views, const PosedCamera& reference, double max_relative_depth,
                    PointCloud* points_in_camera) {
   if (views.empty()) return;
-  std::vector<RigidTransform> view_from_reference;
+  using Projection = Eigen::Matrix<double, 3, 4>;  // to z (u + 0.5, v + 0.5, 1), whose whole parts are the pixel
+  std::vector<Projection> view_from_reference;
   for (const LabeledView& view : views) {
-    view_from_reference.push_back(view.camera.cam_from_world * reference.cam_from_world.inverse());
+    PinholeCamera camera = view.camera.camera;
+    camera.cx += 0.5, camera.cy += 0.5;
+    const RigidTransform transform = view.camera.cam_from_world * reference.cam_from_world.inverse();
+    view_from_reference.emplace_back(camera.K() * transform.matrix().topRows<3>());
   }
   tbb::parallel_for(tbb::blocked_range<size_t>(0, points_in_camera->size()), [&](const auto& range) {
     LabelVotes votes;
@@ -57,9 +61,13 @@ void VoteForLabels(const std::vector<LabeledView>& views, const PosedCamera& ref
       SurfacePoint& point = (*points_in_camera)[i];
       votes.Clear();
       for (size_t v = 0; v < views.size(); ++v) {
-        const Eigen::Vector3d in_view = view_from_reference[v] * ToEigen(point.position);
-        const auto pixel = views[v].camera.camera.PixelOf(in_view);
-        if (pixel) AddVotes(views[v], *pixel, in_view.z(), max_relative_depth, v == 0 ? kReach : 0, &votes);
+        const Eigen::Vector3d place = view_from_reference[v] * ToEigen(point.position).homogeneous();
+        const double u = place.x() / place.z(), w = place.y() / place.z();
+        const bool is_inside =
+            place.z() > 0 && u >= 0 && w >= 0 && u < views[v].depth.width() && w < views[v].depth.height();
+        if (!is_inside) continue;
+        AddVotes(views[v], static_cast<int>(u), static_cast<int>(w), static_cast<float>(place.z()),
+                 static_cast<float>(max_relative_depth), v == 0 ? kReach : 0, &votes);
       }
       point.label = votes.Winner();
     }
