@@ -90,9 +90,7 @@ class TopicChooser {
     };
     chosen.mask = Find({ImageTypes().front()}, wanted.mask, "--mask", named_mask);
     const auto any = [](const BagTopic&) { return true; };
-    const auto no_mask = [&](const BagTopic& topic) {
-      return topic.name != chosen.mask && !boost::algorithm::ends_with(topic.name, names::kLabels);
-    };
+    const auto no_mask = [&](const BagTopic& topic) { return topic.name != chosen.mask && !HasLabels(topic); };
     const auto picture = [&](const BagTopic& topic) { return no_mask(topic) && depth_.count(topic.name) == 0; };
     chosen.image = Find(ImageTypes(), wanted.image, "--image", picture);
     if (chosen.image.empty()) chosen.image = Find(ImageTypes(), "", "--image", no_mask);
@@ -136,7 +134,7 @@ class TopicChooser {
     std::string others;
     for (const BagTopic& topic : topics_) {
       const bool fits = std::find(types.begin(), types.end(), topic.type) != types.end();
-      if (fits && topic.name != chosen && topic.name != mask) others += " " + topic.name;
+      if (fits && topic.name != chosen && topic.name != mask && !HasLabels(topic)) others += " " + topic.name;
     }
     return others;
   }
@@ -160,6 +158,7 @@ class TopicChooser {
   }
 
  private:
+  static bool HasLabels(const BagTopic& topic) { return boost::algorithm::ends_with(topic.name, names::kLabels); }
   /// The wanted topic, or the preferred one, with the most messages, that is suitable; empty when there is none.
   std::string Find(const TopicTypes& types, const std::string& wanted, const char* option,
                    const std::function<bool(const BagTopic&)>& is_suitable) const {

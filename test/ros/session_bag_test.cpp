@@ -16,6 +16,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/fusion/label_votes.h"
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "dataset/test_folder.h"
 #include "map/room_keyframes.h"
@@ -101,6 +102,23 @@ TEST_F(SessionBagTest, AMapComesBackWithItsBytes) {
   // Saved again it is the same file.
   WriteSession(folder() / "again.bag", {after.Session(), "map"});
   EXPECT_EQ(ReadText(folder() / "again.bag"), ReadText(Path()));
+}
+
+/// As all sessions were before there were labels.
+TEST_F(SessionBagTest, PointsWithoutLabelsHaveNoFieldForThem) {
+  Session session = {RoomMap()->Session(), "map"};
+  for (SessionKeyframe& keyframe : session.map.keyframes) {
+    PointCloud points = keyframe.points_in_camera->Unpack();
+    EXPECT_TRUE(HasLabels(points));
+    for (SurfacePoint& point : points) point.label = 0;
+    keyframe.points_in_camera = std::make_shared<const PackedCloud>(points);
+  }
+  WriteSession(Path(), session);
+  const rosbag::Bag bag(Path().string());
+  for (const rosbag::MessageInstance& message : rosbag::View(bag, rosbag::TopicQuery("/keyframe_points"))) {
+    EXPECT_EQ(message.instantiate<acmp_mapping::KeyframePoints>()->points.point_step, 32u);
+  }
+  EXPECT_FALSE(HasLabels(ReadSession(Path()).map.keyframes[0].points_in_camera->Unpack()));
 }
 
 TEST_F(SessionBagTest, KeptImagesAndEarlierRunsComeBack) {
