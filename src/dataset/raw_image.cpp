@@ -18,11 +18,11 @@ struct PixelFormat {
   int chroma_planes = 0;            ///< below the grey image, a quarter of its pixels for each colour (YUV 4:2:0)
 };
 
-constexpr int kNone = -1;
+constexpr int kUnchanged = -1;
 // OpenCV names a Bayer pattern after its second row and column. As 8UC* cv_bridge names OpenCV's images when it is not
 // told more; OpenCV has blue first.
 constexpr PixelFormat kFormats[] = {{"mono8", 1, cv::COLOR_GRAY2RGB},
-                                    {"rgb8", 3, kNone},
+                                    {"rgb8", 3, kUnchanged},
                                     {"bgr8", 3, cv::COLOR_BGR2RGB},
                                     {"rgba8", 4, cv::COLOR_RGBA2RGB},
                                     {"bgra8", 4, cv::COLOR_BGRA2RGB},
@@ -126,7 +126,7 @@ cv::Mat RawImageDecoder::Convert(const std::string& name, const std::string& enc
     throw InvalidInputError(Concat(name, ": a width of ", pixels.cols, " px: must be even"));
   }
   const cv::Mat narrow = wide ? ToEightBits(encoding, pixels) : pixels;
-  if (format.conversion == kNone) return narrow.clone();
+  if (format.conversion == kUnchanged) return narrow.clone();
   cv::Mat rgb;
   try {
     cv::cvtColor(narrow, rgb, format.conversion);
