@@ -27,7 +27,6 @@ constexpr float kGrayPerTexel = 255.0f;
 /// interpolation by up to 1/512 of the step between neighbouring pixels, and texels are rounded to 1/257 of a grey
 /// level.
 struct TextureSampler {
-  using Cost = Ncc;
   cudaTextureObject_t images;
   int reference;                ///< layer of the reference
   int layers[kMaxSourceViews];  ///< of each source view

@@ -17,7 +17,6 @@
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
 #include "acmp_mapping/pipeline/presets.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
-#include "support/absolute_difference.h"
 #include "support/kernel_state.h"
 #include "support/paper_reference.h"
 #include "support/pass_result.h"
@@ -310,25 +309,6 @@ TEST_F(PapersTest, AcmmIsThatOfItsPaper) {
     EXPECT_EQ(schedule[i].pass, steps[i].pass) << i;
     EXPECT_EQ(schedule[i].level, steps[i].level) << i;
   }
-}
-
-/// A cost is its sums and what it makes of them: a pass with another one finds planes as well.
-TEST(MatchingCostTest, AnotherOneFindsPlanes) {
-  const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(25, -15, 4), 53, 40, 4);
-  KernelState state(MakeProblem(views, 0, {2, 8}));
-  const auto context = state.ContextWith(AbsoluteDifferenceSampler{state.Context().sampler});
-  for (int step = -1; step < 2 * 3; ++step) {
-    for (int row = 0; row < 40; ++row) {
-      for (int col = 0; col < 53; ++col) {
-        if (step < 0) {
-          InitializePixel<Pass::kPhotometric>(context, col, row);
-        } else if ((col + row) % 2 == step % 2) {
-          UpdatePixel<Pass::kPhotometric>(context, col, row, step / 2);
-        }
-      }
-    }
-  }
-  EXPECT_GT(ShareWithin(ToDepthMap(state.planes, views[0].camera), views[0].depth, 0.02), 0.8);
 }
 
 }  // namespace

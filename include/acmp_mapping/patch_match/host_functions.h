@@ -1,5 +1,6 @@
 #pragma once
 
+#include <type_traits>
 #include <vector>
 
 #include "acmp_mapping/patch_match/kernel/depth_evidence.h"
@@ -15,7 +16,7 @@ namespace acmp {
 struct HostFunctions {
   const char* instructions;
   int lanes;  ///< of a register
-  /// SumWindow of each of `count` windows in one image, of at least 2 x 2 px.
+  /// Ncc's sums of each of `count` windows in one image, of at least 2 x 2 px.
   void (*sum_windows)(const ImageView<const float>& image, const PlaneWarp* warps, int count,
                       const ReferencePatch& patch, WindowSums* sums);
   /// LoadReferencePatch, with the factors of BilateralWeight.
@@ -44,29 +45,29 @@ struct CpuSampler : BilinearSampler {
   HostFunctions host;
 };
 
+/// Whether `sum_windows` reads the image.
+inline bool CanSumWindows(const ImageView<const float>& image) { return image.width >= 2 && image.height >= 2; }
+
 inline void SumWindowsOfView(const CpuSampler& sampler, int view, const PlaneWarp* warps, int count,
                              const ReferencePatch& patch, WindowSums* sums) {
-  const ImageView<const float>& image = sampler.sources[view];
-  if (image.width < 2 || image.height < 2) {
-    SumWindowsOfView<BilinearSampler>(sampler, view, warps, count, patch, sums);
+  if (std::is_same_v<MatchingCost, Ncc> && CanSumWindows(sampler.sources[view])) {
+    sampler.host.sum_windows(sampler.sources[view], warps, count, patch, sums);
   } else {
-    sampler.host.sum_windows(image, warps, count, patch, sums);
+    SumWindowsOfView<BilinearSampler>(sampler, view, warps, count, patch, sums);
   }
-}
-
-inline WindowSums SumWindow(const CpuSampler& sampler, int view, const PlaneWarp& warp, const ReferencePatch& patch) {
-  WindowSums sums;
-  SumWindowsOfView(sampler, view, &warp, 1, patch, &sums);
-  return sums;
 }
 
 template <bool kMasked>
 WindowSums SumPlainWindow(const CpuSampler& sampler, int view, const PlaneWarp& warp,
                           const PlainWindow<kMasked>& window) {
-  if (!window.is_whole) return SumPlainWindow<kMasked, BilinearSampler>(sampler, view, warp, window);
+  if (!window.is_whole || !CanSumWindows(sampler.sources[view])) {
+    return SumPlainWindow<kMasked, BilinearSampler>(sampler, view, warp, window);
+  }
   PlaneWarp own = warp;
   own.center = window.pixel_col * warp.step_col + window.pixel_row * warp.step_row + warp.center;
-  return SumWindow(sampler, view, own, window.patch);
+  WindowSums sums;
+  sampler.host.sum_windows(sampler.sources[view], &own, 1, window.patch, &sums);
+  return sums;
 }
 
 inline void LoadReferencePatch(const MatchContext<CpuSampler>& context, int col, int row, float sigma_color,

@@ -72,8 +72,8 @@ ACMP_HOST_DEVICE inline PlainWindow<kMasked> LoadPlainWindow(const MatchContext<
   return window;
 }
 
-/// The sums over a plain window's samples by one thread alone. @param warp as of the pixel (0, 0). Samplers may
-/// overload it, as SumWindow.
+/// Ncc's sums over a plain window's samples by one thread alone. @param warp as of the pixel (0, 0). Samplers may
+/// overload it, as SumWindowsOfView.
 template <bool kMasked, class Sampler>
 ACMP_HOST_DEVICE inline WindowSums SumPlainWindow(const Sampler& sampler, int view, const PlaneWarp& warp,
                                                   const PlainWindow<kMasked>& window) {

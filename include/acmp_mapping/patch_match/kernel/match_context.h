@@ -51,7 +51,6 @@ struct PriorMap {
 ///   SourceAt(image, x, y) bilinear, clamped to the border, at any finite or infinite position
 ///   kPixelCenter          where pixel 0 lies in x and y
 ///   kHasMasks             whether images may have masks: else what asks for them costs nothing
-///   Cost                  the matching cost (Ncc)
 template <class Sampler>
 struct MatchContext {
   Sampler sampler;

@@ -112,7 +112,7 @@ ACMP_HOST_DEVICE inline WindowSums SumWindows(const ComparedPixel<Sampler, Group
     if (task.image < 0) continue;
     WindowSums sums;
     ForEachSampleOfPart(match.context.sampler, task.image, task.warp, part, [&](int block, float gray) {
-      Sampler::Cost::Add(match.part.samples[block], match.part.center, gray, &sums);
+      MatchingCost::Add(match.part.samples[block], match.part.center, gray, &sums);
     });
     sums = {group.SumOverWindow(sums.ws), group.SumOverWindow(sums.wss), group.SumOverWindow(sums.wrs)};
     if (part == turn) own = sums;
@@ -149,7 +149,7 @@ ACMP_HOST_DEVICE inline void MatchPairs(const ComparedPixel<Sampler, Group>& mat
     }
     const int batch = total - first < Group::kSize ? total - first : Group::kSize;
     const WindowSums sums = SumWindows(match, warp, compare ? context.sampler.ImageOf(view) : -1, batch);
-    if (compare) cost = Sampler::Cost::Of(sums, patch, context.options);
+    if (compare) cost = MatchingCost::Of(sums, patch, context.options);
     if (mine) store(plane, view, cost);
   }
   match.group.Sync();
@@ -176,7 +176,7 @@ ACMP_HOST_DEVICE inline void MatchPairs(const ComparedPixel<Sampler, SingleThrea
       windows += PrepareWindow(context, patch, duals[i], match.col, match.row, view, &warps[windows], &cost[i]) ? 1 : 0;
     }
     SumWindowsOfView(context.sampler, view, warps, windows, patch, sums);
-    for (int i = 0; i < windows; ++i) cost[compared[i]] = Sampler::Cost::Of(sums[i], patch, context.options);
+    for (int i = 0; i < windows; ++i) cost[compared[i]] = MatchingCost::Of(sums[i], patch, context.options);
     for (int i = 0; i < count; ++i) store(plane_of(i), view, cost[i]);
   }
 }

@@ -2,6 +2,7 @@
 
 #include "acmp_mapping/common/thread_group.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
+#include "acmp_mapping/patch_match/kernel/matching_cost.h"
 #include "acmp_mapping/patch_match/kernel/window.h"
 
 namespace acmp {
@@ -30,20 +31,6 @@ ACMP_HOST_DEVICE inline bool ReachesMasked(const MatchContext<Sampler>& context,
   return static_cast<float>(mask_distance(nearest(x, mask_distance.width), nearest(y, mask_distance.height))) <
          reach + kInterpolation;
 }
-
-struct PatchSample {
-  float value;   ///< grey value minus the patch's center
-  float weight;  ///< bilateral; 0 outside the image and where the mask ignores it
-};
-
-/// The reference side of the NCC: depends on the pixel only, so one patch serves all hypotheses and views.
-struct ReferencePatch {
-  alignas(16) PatchSample samples[kPatchSamples];
-  float center;  ///< subtracted before summing, or float32 cancellation would give flat windows a texture
-  float inv_sum_weight;
-  float mean;
-  float variance;  ///< grey levels^2
-};
 
 /// Bilateral weight of a window sample: exp(-r / (2 s_r^2) - |dI| / (2 s_c^2)), distances not squared.
 ACMP_HOST_DEVICE inline float BilateralWeight(float distance_px, float gray_difference, float inv_spatial,
@@ -142,53 +129,16 @@ ACMP_HOST_DEVICE inline PlaneWarp MakePlaneWarp(const SourceView& source, const 
   return warp;
 }
 
-/// Weighted sums over a window's samples, with s the source's and r the reference's values.
-struct WindowSums {
-  float ws = 0, wss = 0, wrs = 0;
-};
-
-/// The matching cost m_ij: 1 - NCC, bilaterally weighted. A cost is what it adds up over a window's samples and what it
-/// makes of the sums; a sampler names its own (Sampler::Cost), so that another one is another such struct and a
-/// sampler.
-struct Ncc {
-  /// False where the reference's window has no texture to compare.
-  ACMP_HOST_DEVICE static bool IsInformed(const ReferencePatch& patch, const PatchMatchOptions& options) {
-    return patch.variance >= options.min_variance;
-  }
-  ACMP_HOST_DEVICE static void Add(const PatchSample& reference, float center, float gray, WindowSums* sums) {
-    const float value = gray - center;
-    const float weighted = reference.weight * value;
-    sums->ws += weighted;
-    sums->wss += weighted * value;
-    sums->wrs += weighted * reference.value;
-  }
-  /// 0..2; worst where the source window is flat although the reference's is not.
-  ACMP_HOST_DEVICE static float Of(const WindowSums& sums, const ReferencePatch& patch,
-                                   const PatchMatchOptions& options) {
-    const float mean = sums.ws * patch.inv_sum_weight;
-    const float variance = sums.wss * patch.inv_sum_weight - mean * mean;
-    if (!(variance >= options.min_variance)) return kWorstCost;
-    const float covariance = sums.wrs * patch.inv_sum_weight - patch.mean * mean;
-    return Clamp(1.0f - covariance * ReciprocalSqrt(patch.variance * variance), 0.0f, kWorstCost);
-  }
-};
-
-/// The sums of a whole window by one thread alone. Samplers may overload it, and LoadReferencePatch, with something
-/// faster that differs in rounding only.
-template <class Sampler>
-ACMP_HOST_DEVICE inline WindowSums SumWindow(const Sampler& sampler, int view, const PlaneWarp& warp,
-                                             const ReferencePatch& patch) {
-  WindowSums sums;
-  ForEachWindowSample(sampler, sampler.ImageOf(view), warp,
-                      [&](int i, float gray) { Sampler::Cost::Add(patch.samples[i], patch.center, gray, &sums); });
-  return sums;
-}
-
-/// SumWindow of several windows in one view. Samplers may overload it, too.
+/// The sums of whole windows in one view by one thread alone. Samplers may overload it, and LoadReferencePatch, with
+/// something faster that differs in rounding only.
 template <class Sampler>
 ACMP_HOST_DEVICE inline void SumWindowsOfView(const Sampler& sampler, int view, const PlaneWarp* warps, int count,
                                               const ReferencePatch& patch, WindowSums* sums) {
-  for (int i = 0; i < count; ++i) sums[i] = SumWindow(sampler, view, warps[i], patch);
+  for (int n = 0; n < count; ++n) {
+    sums[n] = {};
+    ForEachWindowSample(sampler, sampler.ImageOf(view), warps[n],
+                        [&](int i, float gray) { MatchingCost::Add(patch.samples[i], patch.center, gray, &sums[n]); });
+  }
 }
 
 /// Whether the window has to be compared: then `warp` says where; else `cost` is the answer. Worst where the plane's
@@ -210,7 +160,7 @@ ACMP_HOST_DEVICE inline bool PrepareWindow(const MatchContext<Sampler>& context,
   if (!(x >= -0.5f && y >= -0.5f && x < source.width - 0.5f && y < source.height - 0.5f)) return false;
   if (ReachesMasked(context, view, *warp)) return false;
   *cost = kUninformedCost;
-  return Sampler::Cost::IsInformed(patch, context.options);
+  return MatchingCost::IsInformed(patch, context.options);
 }
 
 /// Whether the surface of the present estimates bends or breaks (a crease or a depth discontinuity) within the pixel's

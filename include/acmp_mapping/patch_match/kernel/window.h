@@ -85,11 +85,8 @@ ACMP_HOST_DEVICE inline float SampleBilinear(const ImageView<const float>& image
   return top + fy * (bottom - top);
 }
 
-struct Ncc;  // photometric_cost.h
-
 /// Sampler over images in plain memory, with explicit interpolation. The CPU's is derived from it (host_functions.h).
 struct BilinearSampler {
-  using Cost = Ncc;
   ImageView<const float> reference;
   const ImageView<const float>* sources;
 
