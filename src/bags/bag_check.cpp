@@ -39,7 +39,7 @@ const TopicTypes& CloudTypes() {
 const TopicTypes kInfoTypes = TypesOf<sensor_msgs::CameraInfo>(), kTfTypes = TypesOf<tf2_msgs::TFMessage>();
 TopicTypes PoseTypes() {
   TopicTypes types;
-  for (const PoseSourceRow& row : PoseSourceRows()) types.push_back(row.type);
+  for (const PoseInput& pose : PoseInputs()) types.push_back(pose.type);
   return types;
 }
 
@@ -231,14 +231,11 @@ Wiring MakeWiring(const TopicChooser& topics, const TopicChoice& chosen, const N
   } else {
     wiring.Remap(names::kCameraInfo, chosen.camera_info);
   }
-  if (options.pose_source == PoseSource::kTf) {
-    wiring.Set("pose_source", "tf");
+  if (options.pose_source != NodeOptions().pose_source) wiring.Set("pose_source", options.pose_source);
+  if (options.pose_source == kTfPoses) {
     wiring.Set("world_frame", options.world_frame);
-  }
-  for (const PoseSourceRow& row : PoseSourceRows()) {
-    if (row.source != options.pose_source) continue;
-    if (row.source != NodeOptions().pose_source) wiring.Set("pose_source", row.name);
-    wiring.Remap(row.name, chosen.pose);
+  } else {
+    wiring.Remap(options.pose_source, chosen.pose);
   }
   if (options.pose.direction != PoseSemantics().direction) wiring.Set("pose_is", Name(options.pose.direction));
   if (options.pose.child != PoseSemantics().child) wiring.Set("pose_child", Name(options.pose.child));
@@ -264,19 +261,19 @@ NodeOptions OptionsFor(const Bags& bags, const TopicChooser& topics, const Topic
                        const std::vector<BagTopic>& all) {
   options.matcher.source_cameras = static_cast<int>(chosen.source_images.size());
   options.image_transport = topics.IsCompressed(chosen.image) ? ImageTransport::kCompressed : ImageTransport::kRaw;
-  for (const PoseSourceRow& row : PoseSourceRows()) {
-    if (row.type == topics.TypeOfTopic(chosen.pose)) options.pose_source = row.source;
+  for (const PoseInput& pose : PoseInputs()) {
+    if (pose.type == topics.TypeOfTopic(chosen.pose)) options.pose_source = pose.name;
   }
   if (chosen.pose.empty() && !chosen.image.empty()) {
     if (const std::string world = WorldOfTf(bags, chosen.image); !world.empty()) {
-      options.pose_source = PoseSource::kTf;
+      options.pose_source = kTfPoses;
       options.world_frame = world;
     }
   }
   // A video has a pose for nearly each of its images.
   constexpr double kVideo_hz = 5, kNearlyAll = 0.9;
   constexpr size_t kFewest = 30;
-  size_t images = 0, poses = options.pose_source == PoseSource::kTf ? SIZE_MAX : 0;
+  size_t images = 0, poses = options.pose_source == kTfPoses ? SIZE_MAX : 0;
   double hz = 0;
   for (const BagTopic& topic : all) {
     if (topic.name == chosen.pose) poses = topic.messages;

@@ -157,6 +157,17 @@ void CheckSizeOf(const char* what, const sensor_msgs::Image& image, const Pinhol
                                  image.height, ": must have the image's size, ", camera.width, "x", camera.height));
 }
 
+/// @param pose Pose or Transform
+template <class Pose>
+PoseSample MakePoseSample(const std_msgs::Header& header, const std::string& child_frame, const Pose& pose) {
+  try {
+    const std::string frame = StripLeadingSlash(header.frame_id), child = StripLeadingSlash(child_frame);
+    return {ToStampNs(header.stamp), frame, ToTransform(pose), child == frame ? "" : child};
+  } catch (const InvalidInputError& error) {
+    throw InvalidInputError(Concat("pose ", FormatStamp(ToStampNs(header.stamp)), ": ", error.what()));
+  }
+}
+
 }  // namespace
 
 ImageSample ToMaskSample(const sensor_msgs::ImageConstPtr& message) {
@@ -338,32 +349,12 @@ RigidTransform ToTransform(const geometry_msgs::Transform& transform) {
 
 PoseSample ToPoseSample(const std_msgs::Header& header, const std::string& child_frame,
                         const geometry_msgs::Pose& pose) {
-  try {
-    const std::string frame = StripLeadingSlash(header.frame_id), child = StripLeadingSlash(child_frame);
-    return {ToStampNs(header.stamp), frame, ToTransform(pose), child == frame ? "" : child};
-  } catch (const InvalidInputError& error) {
-    throw InvalidInputError(Concat("pose ", FormatStamp(ToStampNs(header.stamp)), ": ", error.what()));
-  }
+  return MakePoseSample(header, child_frame, pose);
 }
 
-PoseSample ToPoseSample(const geometry_msgs::PoseStamped& message) {
-  return ToPoseSample(message.header, "", message.pose);
-}
-
-PoseSample ToPoseSample(const geometry_msgs::PoseWithCovarianceStamped& message) {
-  return ToPoseSample(message.header, "", message.pose.pose);
-}
-
-PoseSample ToPoseSample(const nav_msgs::Odometry& message) {
-  return ToPoseSample(message.header, message.child_frame_id, message.pose.pose);
-}
-
-PoseSample ToPoseSample(const geometry_msgs::TransformStamped& message) {
-  const geometry_msgs::Vector3& position = message.transform.translation;
-  geometry_msgs::Pose pose;
-  pose.position.x = position.x, pose.position.y = position.y, pose.position.z = position.z;
-  pose.orientation = message.transform.rotation;
-  return ToPoseSample(message.header, message.child_frame_id, pose);
+PoseSample ToPoseSample(const std_msgs::Header& header, const std::string& child_frame,
+                        const geometry_msgs::Transform& pose) {
+  return MakePoseSample(header, child_frame, pose);
 }
 
 std::string StripLeadingSlash(const std::string& frame_id) {

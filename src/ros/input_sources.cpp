@@ -81,9 +81,9 @@ std::string CompressedTopic(const InputTopics& topics, const std::string& image)
 /// What makes the mapper take a topic of this type; empty: nothing does. The names of arguments and parameters are
 /// those of our launch files.
 std::string HowToTake(Kind kind, const std::string& type, const std::string& topic) {
-  for (const PoseSourceRow& row : PoseSourceRows()) {
-    if (kind == Kind::kPose && type == row.type)
-      return Concat("set pose_source:=", row.name, " ", row.name, ":=", topic);
+  for (const PoseInput& pose : PoseInputs()) {
+    if (kind == Kind::kPose && type == pose.type)
+      return Concat("set pose_source:=", pose.name, " ", pose.name, ":=", topic);
   }
   const struct {
     Kind kind;
@@ -329,27 +329,16 @@ class SourceFactory {
     };
   }
 
-  template <class Message>
-  void AddPose(const char* topic) {
-    Add<Message>(
-        {Kind::kPose, topic, kPoseQueue, "bad_pose", true}, [](const auto& message) { return ToPoseSample(*message); },
-        &KeyframeIntake::AddPose);
-  }
-
   void AddPoses() {
-    switch (options_.pose_source) {
-      case PoseSource::kPose:
-        return AddPose<geometry_msgs::PoseStamped>(names::kPose);
-      case PoseSource::kPoseWithCovariance:
-        return AddPose<geometry_msgs::PoseWithCovarianceStamped>(names::kPoseWithCovariance);
-      case PoseSource::kOdometry:
-        return AddPose<nav_msgs::Odometry>(names::kOdometry);
-      case PoseSource::kTransform:
-        return AddPose<geometry_msgs::TransformStamped>(names::kTransform);
-      case PoseSource::kTf:  // TfLookup has the transforms, too: here they tell that poses may have come
-        return Add<tf2_msgs::TFMessage>({Kind::kPose, names::kTf, kPoseQueue, "bad_pose", true}, kAsItIs,
-                                        [](const auto&...) {});
-    }
+    const InputStream stream = {Kind::kPose, options_.pose_source, kPoseQueue, "bad_pose", true};
+    ForEachPoseSource([&](const auto& source) {
+      if (source.name != options_.pose_source) return;
+      Add<typename std::decay_t<decltype(source)>::MessageType>(
+          stream, [&source](const auto& message) { return source.convert(*message); }, &KeyframeIntake::AddPose);
+    });
+    if (options_.pose_source != kTfPoses) return;
+    // TfLookup has the transforms, too: here they tell that poses may have come.
+    Add<tf2_msgs::TFMessage>({Kind::kPose, names::kTf, kPoseQueue, "bad_pose", true}, kAsItIs, [](const auto&...) {});
   }
 
   template <class Message>
@@ -428,15 +417,6 @@ void SetExpected(const InputSources& sources, const std::function<bool(const Inp
     if (input.kind == Kind::kSourceImage) intake->set_companion_expected(kSourceStream + input.camera, is_there);
   }
   intake->set_clouds_expected(clouds);
-}
-
-const std::vector<PoseSourceRow>& PoseSourceRows() {
-  static const std::vector<PoseSourceRow> rows = {
-      {PoseSource::kPose, names::kPose, TypeOf<geometry_msgs::PoseStamped>()},
-      {PoseSource::kPoseWithCovariance, names::kPoseWithCovariance, TypeOf<geometry_msgs::PoseWithCovarianceStamped>()},
-      {PoseSource::kOdometry, names::kOdometry, TypeOf<nav_msgs::Odometry>()},
-      {PoseSource::kTransform, names::kTransform, TypeOf<geometry_msgs::TransformStamped>()}};
-  return rows;
 }
 
 std::string WithoutCompressed(const std::string& topic) {

@@ -117,7 +117,7 @@ void KeyframeIntake::Prepare() {
 }
 
 void KeyframeIntake::LookUpPoses() {
-  if (options_.pose_source != PoseSource::kTf || !transforms_.find_pose) return;
+  if (options_.pose_source != kTfPoses || !transforms_.find_pose) return;
   const bool body = options_.pose.child == PoseSemantics::Child::kBody;
   const std::string child = body ? options_.body_frame : CameraFrame();
   for (const int64_t stamp_ns : matcher_.UnposedStamps()) {

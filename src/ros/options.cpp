@@ -225,8 +225,10 @@ OptionList OptionsOf(NodeOptions* o) {
 
   list.Group("poses");
   const std::vector<std::string> children = {Name(Child::kCameraOptical), Name(Child::kCameraFlu), Name(Child::kBody)};
-  list.Choice("pose_source", &o->pose_source, {"pose", "pose_cov", "odom", "transform", "tf"},
-              "Topic of the poses, which tells their type; tf: looked up there, in world_frame");
+  Option& pose_source = list.Text("pose_source", &o->pose_source,
+                                  "Topic of the poses, which tells their type; tf: looked up there, in world_frame");
+  for (const PoseInput& topic : PoseInputs()) pose_source.choices.push_back(topic.name);
+  pose_source.choices.emplace_back(kTfPoses);
   list.Choice("pose_is", &o->pose.direction, {Name(Direction::kWorldFromCam), Name(Direction::kCamFromWorld)},
               "T_world_cam: the position is the camera's in the world; T_cam_world: the inverse");
   list.Choice("pose_child", &o->pose.child, children,
@@ -375,7 +377,7 @@ void Check(const NodeOptions& options) {
         Concat("parameter ~T_cam_source has ", num_placed,
                " matrices: must have one for each of ~source_cameras = ", options.matcher.source_cameras));
   }
-  if (options.pose_source != PoseSource::kTf) return;
+  if (options.pose_source != kTfPoses) return;
   if (options.world_frame.empty()) {
     throw InvalidInputError("parameter ~pose_source = tf needs ~world_frame, the frame that the map is made in");
   }

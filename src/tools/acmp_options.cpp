@@ -2,20 +2,25 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <boost/algorithm/string/replace.hpp>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
+#include <set>
 #include <sstream>
 #include <string>
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/options.h"
+#include "acmp_mapping/ros/topic_names.h"
 #include "tool_main.h"
 
 namespace acmp {
 namespace {
 
 constexpr char kSetByPreset[] = "pipeline";  ///< group of options
+constexpr char kLaunch[] = "launch/dense_mapper.launch";
 
 /// All options of the mapper, or of the map server, with their defaults. They refer to objects that stay.
 OptionList MapperOptions() {
@@ -158,7 +163,7 @@ Two files list all private parameters, each with what it does, its bounds and it
 [config/map_server.yaml](../config/map_server.yaml) those of `map_server`. They and this page are written by `acmp_options` from the
 tables in the sources: change a parameter there.
 
-- Set them by arguments of the launch files (`roslaunch --ros-args acmp_mapping dense_mapper.launch` lists them), or by a file of
+- Each is an argument of the launch files (`roslaunch --ros-args acmp_mapping dense_mapper.launch` lists them), or set them by a file of
   your own, `frontend_config:=` that of `dense_mapper`, `map_config:=` that of `map_server`.
 - Those marked `[live]` may change while the mapper runs (`rosrun dynamic_reconfigure dynparam set /acmp/dense_mapper NAME VALUE`);
   all others are read once, when a node starts.
@@ -189,11 +194,57 @@ std::string ReadFile(const std::filesystem::path& path) {
   return text.str();
 }
 
+std::string EscapedXml(std::string text) {
+  boost::algorithm::replace_all(text, "&", "&amp;");
+  boost::algorithm::replace_all(text, "<", "&lt;");
+  boost::algorithm::replace_all(text, "\"", "&quot;");
+  return text;
+}
+
+/// The launch file with its parts between two marks written anew: arguments, and what hands them on. Those that the
+/// rest of the file declares are not declared twice.
+std::string Launch(const std::string& text) {
+  const std::string begin = "written by acmp_options -->\n", end = "<!-- end of what acmp_options writes -->";
+  std::string kept[3];
+  size_t from = 0;
+  for (std::string& part : kept) {
+    const size_t mark = text.find(begin, from), next = mark == std::string::npos ? mark : mark + begin.size();
+    part = text.substr(from, next == std::string::npos ? next : next - from);
+    from = next == std::string::npos ? text.size() : text.rfind('\n', text.find(end, next)) + 1;
+  }
+  std::ostringstream arguments, values;
+  std::set<std::string> declared;
+  const auto declare = [&](const std::string& name, const std::string& value, const std::string& doc) {
+    const std::string argument = "  <arg name=\"" + name + "\"";
+    const bool by_hand = std::any_of(std::begin(kept), std::end(kept),
+                                     [&](const auto& part) { return part.find(argument) != std::string::npos; });
+    if (by_hand || !declared.insert(name).second) return;
+    arguments << argument << " default=\"" << value << "\" doc=\"" << EscapedXml(doc) << "\"/>\n";
+  };
+  for (const PoseInput& pose : PoseInputs()) {
+    declare(pose.name, names::kDefaultTopics + pose.name, pose.type + " (pose_source: " + pose.name + ")");
+    values << "    <remap from=\"" << pose.name << "\" to=\"$(arg " << pose.name << ")\"/>\n";
+  }
+  for (const auto& [node, options] : {std::pair("dense_mapper", MapperOptions()), {"map_server", MapServerList()}}) {
+    for (const Option& option : options) {
+      const std::string& name = option.name;
+      declare(name, "config", option.sentence + Remark(option));
+      const bool is_list = std::holds_alternative<std::vector<double>>(option.get());
+      values << "    <" << (is_list ? "rosparam" : "param") << " if=\"$(eval " << name << " not in ('', 'config'))\" "
+             << (is_list ? "param" : "name") << "=\"" << node << "/" << name << "\" "
+             << (is_list ? "subst_value=\"true\">$(arg " + name + ")</rosparam>" : "value=\"$(arg " + name + ")\"/>")
+             << "\n";
+    }
+  }
+  return kept[0] + arguments.str() + kept[1] + values.str() + kept[2];
+}
+
 void Run(const std::filesystem::path& source, bool check) {
   const std::pair<const char*, std::string> files[] = {{"config/acmp_mapping.yaml", MapperYaml()},
                                                        {"config/map_server.yaml", MapServerYaml()},
                                                        {"config/DenseMapper.cfg", Cfg()},
-                                                       {"docs/parameters.md", Markdown()}};
+                                                       {"docs/parameters.md", Markdown()},
+                                                       {kLaunch, Launch(ReadFile(source / kLaunch))}};
   for (const auto& [name, text] : files) {
     if (check) {
       if (ReadFile(source / name) == text) continue;
@@ -213,8 +264,8 @@ int main(int argc, char** argv) {
   std::string source;
   bool check = false;
   CLI::App app(
-      "Writes config/acmp_mapping.yaml, config/map_server.yaml, config/DenseMapper.cfg and docs/parameters.md from the "
-      "tables of options in the sources.",
+      "Writes config/acmp_mapping.yaml, config/map_server.yaml, config/DenseMapper.cfg, docs/parameters.md and the "
+      "arguments of launch/dense_mapper.launch from the tables of options in the sources.",
       "acmp_options");
   app.add_option("SOURCE", source, "Folder of the sources")->required()->check(CLI::ExistingDirectory);
   app.add_flag("--check", check, "Write nothing; fail when a file is not what would be written");

@@ -14,6 +14,7 @@
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "acmp_mapping/ros/output_conversion.h"
+#include "acmp_mapping/ros/pose_sources.h"
 #include "fuzz/fuzz_input.h"
 
 namespace acmp {
@@ -151,12 +152,12 @@ ACMP_FUZZ_TARGET(point_cloud) {
 
 /// One of the messages that bring poses, or points of the older message for clouds; the first byte says which.
 ACMP_FUZZ_TARGET(pose) {
-  const int kind = bytes.Take<uint8_t>();
-  if (kind == 0) ToPoseSample(*Take<geometry_msgs::PoseStamped>(&bytes));
-  if (kind == 1) ToPoseSample(*Take<geometry_msgs::PoseWithCovarianceStamped>(&bytes));
-  if (kind == 2) ToPoseSample(*Take<nav_msgs::Odometry>(&bytes));
-  if (kind == 3) ToPoseSample(*Take<geometry_msgs::TransformStamped>(&bytes));
-  if (kind == 4) ToSparseCloud(*Take<sensor_msgs::PointCloud>(&bytes));
+  const int wanted = bytes.Take<uint8_t>();
+  int kind = 0;
+  ForEachPoseSource([&](const auto& source) {
+    if (kind++ == wanted) source.convert(*Take<typename std::decay_t<decltype(source)>::MessageType>(&bytes));
+  });
+  if (kind == wanted) ToSparseCloud(*Take<sensor_msgs::PointCloud>(&bytes));
 }
 
 /// Depth from outside.

@@ -295,15 +295,14 @@ TEST(ToCalibration, TakesEightCoefficientsForTheRationalModelAndSaysSo) {
 }
 
 TEST(ToPoseSample, AChildFrameThatIsTheFrameIsNone) {
-  nav_msgs::Odometry odometry;
-  odometry.header.frame_id = "world";
-  odometry.pose.pose.orientation.w = 1;
+  std_msgs::Header header;
+  header.frame_id = "world";
+  geometry_msgs::Pose pose;
+  pose.orientation.w = 1;
   for (const char* child : {"world", "/world"}) {
-    odometry.child_frame_id = child;
-    EXPECT_EQ(ToPoseSample(odometry).child_frame, "") << child;
+    EXPECT_EQ(ToPoseSample(header, child, pose).child_frame, "") << child;
   }
-  odometry.child_frame_id = "/body";
-  EXPECT_EQ(ToPoseSample(odometry).child_frame, "body");
+  EXPECT_EQ(ToPoseSample(header, "/body", pose).child_frame, "body");
 }
 
 TEST(ToCalibration, TakesWideCameras) {

@@ -260,7 +260,7 @@ struct FakeTf {
 
 NodeOptions TfOptions() {
   NodeOptions options;
-  options.pose_source = PoseSource::kTf;
+  options.pose_source = kTfPoses;
   options.world_frame = "map";
   return options;
 }

@@ -37,8 +37,9 @@ def read(path):
 
 
 def interface_names():
-    """Topics and services of the nodelet: the strings of topic_names.h."""
-    return set(re.findall(r'"([^"]+)"', read("include/acmp_mapping/ros/topic_names.h")))
+    """Topics and services of the nodelets: the strings of two headers."""
+    return {name for header in ("topic_names", "pose_sources")
+            for name in re.findall(r'"([\w/]+)"', read(f"include/acmp_mapping/ros/{header}.h"))}
 
 
 def parameters(path):
@@ -140,27 +141,26 @@ class LaunchFiles(unittest.TestCase):
                 self.assertLessEqual(set(of_mapper), set(parameters(OF_MAPPER)))
                 self.assertEqual(set(of_map), set(parameters(OF_MAP)))
 
-    def test_every_argument_that_names_a_parameter_sets_it(self):
+    def test_every_parameter_has_an_argument_that_sets_it(self):
         """Over a frontend's own parameters, too."""
-        arguments, other = set(launch_arguments("dense_mapper.launch")), {bool: True, int: 5, float: 0.75, str: "other"}
+        others = {bool: [True, False], int: [5, 6], float: [0.75, 0.25], str: ["other"]}
         for launch in ["dense_mapper.launch", *FRONTENDS]:
-            for node, path, least in (("dense_mapper", OF_MAPPER, {"preset", "max_image_size", "lookahead"}),
-                                      ("map_server", OF_MAP, {"max_keyframes", "voxel_size"})):
+            for node, path, lists in (("dense_mapper", OF_MAPPER, {"T_body_cam", "T_cam_source"}), ("map_server", OF_MAP, set())):
                 defaults = parameters(path)
-                names = arguments & set(defaults)
-                self.assertGreaterEqual(names, least)
-                wanted = {name: other[type(defaults[name])] for name in names - {"T_body_cam", "T_cam_source"}}
-                found = parameters_of(load(launch, **wanted), node)
-                for name, value in wanted.items():
-                    with self.subTest(launch=launch, name=name):
-                        self.assertNotEqual(value, defaults[name])
-                        self.assertEqual((found[name], type(found[name])), (value, type(defaults[name])))
+                self.assertGreaterEqual(len(defaults), 15)
+                wanted = {name: next(value for value in others[type(default)] if value != default)
+                          for name, default in defaults.items() if name not in lists}
+                given = {name: str(value).lower() for name, value in wanted.items()}
+                found = parameters_of(load(launch, **given, **{name: "[0, 1.5]" for name in lists}), node)
+                self.assertEqual({name: (found[name], type(found[name])) for name in defaults},
+                                 {name: (value, type(value)) for name, value in {**wanted, **dict.fromkeys(lists, [0, 1.5])}.items()},
+                                 launch)
 
-    def test_parameters_that_matter_are_arguments(self):
+    def test_parameters_that_matter_are_parameters(self):
         table = read("README.md").split("| parameter | default | |\n")[1].split("\n\n")[0]
         names = {name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row.split("|")[1])}
         self.assertGreaterEqual(len(names), 10)
-        self.assertLessEqual(names, set(launch_arguments("dense_mapper.launch")))
+        self.assertLessEqual(names, {*parameters(OF_MAPPER), *parameters(OF_MAP)})
 
     def test_demo(self):
         config = load("demo.launch", bag="/some.bag", rviz="false", device="cpu")

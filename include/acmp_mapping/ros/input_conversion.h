@@ -5,10 +5,8 @@
 #include <string>
 #include <vector>
 
-#include <geometry_msgs/PoseStamped.h>
-#include <geometry_msgs/PoseWithCovarianceStamped.h>
-#include <geometry_msgs/TransformStamped.h>
-#include <nav_msgs/Odometry.h>
+#include <geometry_msgs/Pose.h>
+#include <geometry_msgs/Transform.h>
 #include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/CompressedImage.h>
@@ -120,12 +118,10 @@ SparseCloud ToSparseCloud(const sensor_msgs::PointCloud& cloud);
 /// Not finite, or a quaternion off unit length by more than 1e-3, is refused.
 RigidTransform ToTransform(const geometry_msgs::Pose& pose);
 RigidTransform ToTransform(const geometry_msgs::Transform& transform);
-PoseSample ToPoseSample(const geometry_msgs::PoseStamped& message);
-PoseSample ToPoseSample(const geometry_msgs::PoseWithCovarianceStamped& message);
-PoseSample ToPoseSample(const nav_msgs::Odometry& message);
-PoseSample ToPoseSample(const geometry_msgs::TransformStamped& message);
 PoseSample ToPoseSample(const std_msgs::Header& header, const std::string& child_frame,
                         const geometry_msgs::Pose& pose);
+PoseSample ToPoseSample(const std_msgs::Header& header, const std::string& child_frame,
+                        const geometry_msgs::Transform& pose);
 
 /// "/map" and "map" name one frame.
 std::string StripLeadingSlash(const std::string& frame_id);

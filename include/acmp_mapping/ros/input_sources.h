@@ -100,15 +100,6 @@ void Subscribe(const ros::NodeHandle& nh, const InputSources* sources);
 void SetExpected(const InputSources& sources, const std::function<bool(const InputSource&)>& is_published,
                  KeyframeIntake* intake);
 
-/// A way to send poses: the value of ~pose_source, which is the topic's name, too, and the type of message.
-struct PoseSourceRow {
-  PoseSource source;
-  const char* name;
-  std::string type;
-};
-/// All but tf, the preferred ones first.
-const std::vector<PoseSourceRow>& PoseSourceRows();
-
 /// Images that have come on all streams, those in whole keyframes too.
 uint64_t ImagesReceived(const std::vector<InputStatus>& inputs);
 uint64_t ImagesReceived(const InputSources& sources);

@@ -21,6 +21,7 @@
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/mapping/auto_preset.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
+#include "acmp_mapping/ros/pose_sources.h"
 #include "acmp_mapping/ros/work_queue.h"
 
 namespace acmp {
@@ -60,7 +61,6 @@ constexpr char kUsualPreset[] = "balanced";
 enum class ImageTransport { kRaw, kCompressed };
 enum class WideFaces { kAuto, kOff };
 enum class SparseFrame { kAuto, kWorld, kCamera };
-enum class PoseSource { kPose, kPoseWithCovariance, kOdometry, kTransform, kTf };
 enum class KeyframeMode {
   kEveryPose,
   kGate,
@@ -82,7 +82,7 @@ struct NodeOptions {
   std::string label_file;                        ///< as LabelTable reads it; empty = none
   std::vector<RigidTransform> cam_from_sources;  ///< of each source camera; empty = told by camera_info or tf
   std::string source_calibration_file;           ///< of each source camera, separated by commas; empty = camera_info
-  PoseSource pose_source = PoseSource::kPose;
+  std::string pose_source = std::get<0>(kPoseSources).name;  ///< or kTfPoses
   PoseSemantics pose;
   std::optional<PoseSemantics::Child> path_child;  ///< of optimized_path; none = as the poses
   bool extrinsic_inverted = false;                 ///< the topic `extrinsic` has T_cam_body

@@ -1,15 +1,12 @@
 #pragma once
 
-/// Names relative to the node's namespace (topics) or private to it (services); all can be remapped.
+/// Names relative to the node's namespace (topics) or private to it (services); all can be remapped. Those of poses are
+/// in pose_sources.h.
 namespace acmp::names {
 
 constexpr char kImage[] = "image";
 constexpr char kCompressed[] = "/compressed";  ///< after the name of an image's topic
 constexpr char kCameraInfo[] = "camera_info";
-constexpr char kPose[] = "pose";
-constexpr char kPoseWithCovariance[] = "pose_cov";
-constexpr char kOdometry[] = "odom";
-constexpr char kTransform[] = "transform";
 constexpr char kTf[] = "/tf";
 constexpr char kTfStatic[] = "/tf_static";
 constexpr char kExtrinsic[] = "extrinsic";
