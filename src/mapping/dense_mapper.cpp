@@ -148,15 +148,18 @@ struct DenseMapper::Impl {
     last_id = id;
     tried.clear();
     made_anew.clear();
-    const Capture usable = WithoutRefused(capture);
+    WindowCapture added(capture);
+    LeaveOutRefused(&added);
     is_admitted = false;
     stop->RunCancellable([&] {
       ShrinkWindow(options.window_size);  // options may have made it smaller
-      if (!usable.keyframes.empty() || !usable.companions.empty()) Admit(usable);
+      if (!added.images.empty()) Admit(added);
       TakeTurns(TurnsOfStream(options));
     });
     if (!stop->requested() || is_admitted) return;
-    for (const FramePtr& frame : usable.keyframes) outputs.SubmitDrop(frame, ForgottenByReset(*frame), nullptr);
+    for (const WindowKeyframePtr& image : added.images) {
+      if (image->is_mapped) outputs.SubmitDrop(image->frame, ForgottenByReset(*image->frame), nullptr);
+    }
   }
 
   void Flush() {
@@ -365,7 +368,7 @@ struct DenseMapper::Impl {
   /// What leaves is finished first, with the views there are.
   void ShrinkWindow(int size) {
     while (window.size() > static_cast<size_t>(size)) {
-      for (const WindowKeyframePtr& keyframe : window.oldest()) {
+      for (const WindowKeyframePtr& keyframe : window.oldest().images) {
         EndIfUnfinished(keyframe, options.min_source_views);
         const bool lacks_turn = options.refine_again && !keyframe->had_turn;
         if (options.live && keyframe->refined_score && (lacks_turn || keyframe->is_withdrawn)) ++left_out.second_turns;
@@ -381,22 +384,22 @@ struct DenseMapper::Impl {
     Drop(keyframe, {"poses_contradict", Concat("keyframe ", keyframe->frame->id, ": ", DescribeContradiction())});
   }
 
-  /// @param capture usable, not empty
-  void Admit(const Capture& capture) {
+  /// @param added has images
+  void Admit(const WindowCapture& added) {
     ShrinkWindow(options.window_size - 1);
-    const WindowCapture added = window.Add(capture);
+    window.Add(added);
+    const std::vector<WindowKeyframePtr>& images = added.images;
     is_admitted = true;
-    for (const WindowKeyframePtr& image : added) {
-      if (image->is_mapped || image == added.front()) FindDepthRange(image, added);
+    for (const WindowKeyframePtr& image : images) {
+      if (image->is_mapped || image == images.front()) FindDepthRange(image, images);
     }
     const auto has_range = [](const WindowKeyframePtr& image) { return HasDepthRange(image->range); };
-    const auto with_range = std::find_if(added.begin(), added.end(), has_range);
-    for (const WindowKeyframePtr& image : added) {
-      if (!image->is_mapped && with_range != added.end()) image->range = (*with_range)->range;
+    const auto with_range = std::find_if(images.begin(), images.end(), has_range);
+    for (const WindowKeyframePtr& image : images) {
+      if (!image->is_mapped && with_range != images.end()) image->range = (*with_range)->range;
     }
-    RefinePoses(added.front()->frame->id,
-                [&] { has_range(added.front()) ? poses.Add(added, window) : poses.Update(window); });
-    for (const WindowKeyframePtr& image : added) {
+    RefinePoses(added.pose->id, [&] { with_range != images.end() ? poses.Add(added, window) : poses.Update(window); });
+    for (const WindowKeyframePtr& image : images) {
       if (!image->is_mapped || has_range(image)) continue;
       Drop(image,
            {"no_depth_range",
@@ -408,26 +411,28 @@ struct DenseMapper::Impl {
   }
 
   /// What cannot be used is told and left out: as a source view it would make the others fail as well.
-  Capture WithoutRefused(const Capture& capture) {
-    Capture usable;
-    for (const FramePtr& frame : capture.keyframes) {
-      const auto failure = CatchFailure([&] { CheckFrame(*frame); });
-      if (failure) outputs.SubmitDrop(frame, *failure, nullptr);
-      if (!failure) usable.keyframes.push_back(frame);
-    }
-    for (const FramePtr& frame : capture.companions) {
-      const auto failure = CatchFailure([&] { CheckFrame(*frame); });
-      if (failure && capture.keyframes.empty() && capture.companions.size() == 1) {
+  void LeaveOutRefused(WindowCapture* capture) {
+    std::vector<WindowKeyframePtr> usable;
+    for (const WindowKeyframePtr& image : capture->images) {
+      const auto failure = CatchFailure([&] {
+        CheckFrame(*image->frame);
+        CheckPose(Concat("keyframe ", capture->pose->id).c_str(), capture->pose->capture_from_world);
+      });
+      if (!failure) {
+        usable.push_back(image);
+      } else if (image->is_mapped) {
+        outputs.SubmitDrop(image->frame, *failure, nullptr);
+      } else if (capture->images.size() == 1) {
         throw InvalidInputError(failure->message);
+      } else {
+        outputs.SubmitProblem("companion_refused", failure->message);
       }
-      if (failure) outputs.SubmitProblem("companion_refused", failure->message);
-      if (!failure) usable.companions.push_back(frame);
     }
-    return usable;
+    capture->images = std::move(usable);
   }
 
   /// Sets the range of a capture's image where one is known.
-  void FindDepthRange(const WindowKeyframePtr& image, const WindowCapture& capture) {
+  void FindDepthRange(const WindowKeyframePtr& image, const std::vector<WindowKeyframePtr>& capture) {
     const Frame& frame = *image->frame;
     std::optional<DepthRange> range;
     if (options.use_landmarks) {
@@ -447,7 +452,7 @@ struct DenseMapper::Impl {
   }
 
   /// Images and poses are enough once the camera has moved sideways, or where another camera is fixed to it.
-  void FindDepthRangeByMatches(const Frame& frame, const WindowCapture& capture) {
+  void FindDepthRangeByMatches(const Frame& frame, const std::vector<WindowKeyframePtr>& capture) {
     std::vector<FramePtr> others;
     const RigidTransform world_from_frame = frame.cam_from_world.inverse();
     for (const WindowKeyframePtr& image : capture) {
@@ -455,7 +460,7 @@ struct DenseMapper::Impl {
       if (baseline > 1e-9 * world_from_frame.translation().norm()) others.push_back(image->frame);
     }
     for (size_t later = 1; later < window.size() && others.size() < kRangeFrames; ++later) {
-      others.push_back(window.WithLater(later).front()->frame);
+      others.push_back(window.WithLater(later).images.front()->frame);
     }
     const auto range = DepthRangeFromMatches(frame, others);
     stop->Check();
@@ -493,7 +498,7 @@ struct DenseMapper::Impl {
     const bool was_contradicted = std::exchange(contradicted, poses.checks().contradiction.value_or(0) > limit);
     if (!contradicted || was_contradicted) return;
     for (size_t later = std::min(kContradictionImages, window.size()); later-- > 0;) {
-      for (const WindowKeyframePtr& keyframe : window.WithLater(later)) {
+      for (const WindowKeyframePtr& keyframe : window.WithLater(later).images) {
         if (keyframe->is_withdrawn || !keyframe->refined_score) continue;
         keyframe->is_withdrawn = true;
         outputs.SubmitWithdrawal(keyframe, DescribeContradiction());

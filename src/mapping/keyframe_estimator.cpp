@@ -105,7 +105,9 @@ EngineView KeyframeEstimator::MakeView(WindowKeyframe* keyframe) {
     keyframe->image = engine_->Load(keyframe->frame, levels);
     keyframe->image_levels = levels;
   }
-  return {keyframe->frame, keyframe->image, nullptr, keyframe->pose.refined};
+  const std::optional<RefinedPlace> refined = keyframe->refined_place();
+  return {keyframe->frame, keyframe->image, nullptr,
+          refined ? std::optional<RigidTransform>(refined->cam_from_world) : std::nullopt};
 }
 
 void KeyframeEstimator::SetUp(KeyframeSteps* steps) {
@@ -113,8 +115,9 @@ void KeyframeEstimator::SetUp(KeyframeSteps* steps) {
   EngineProblem problem;
   problem.reference = MakeView(&keyframe);
   for (const WindowKeyframePtr& source : steps->sources.keyframes) problem.sources.push_back(MakeView(source.get()));
-  steps->placed = keyframe.pose.placed;
-  problem.depth_range = {keyframe.range.min / steps->placed.scale, keyframe.range.max / steps->placed.scale};
+  steps->refined = keyframe.refined_place();
+  steps->pose_fit = keyframe.capture->fit;
+  problem.depth_range = {keyframe.range.min / steps->scale(), keyframe.range.max / steps->scale()};
   steps->problem = std::move(problem);
 }
 

@@ -13,11 +13,15 @@ struct KeyframeSteps {
   SourceViews sources;
   EngineProblem problem = {};  ///< the reference's estimate is that of the last step taken; the sources' are those of
                                ///< the consistency check in the end
-  PlacedPose placed = {};      ///< of the pose that it was matched with
+  std::optional<RefinedPlace> refined = {};  ///< it was matched with this pose; none: with the frame's
+  PoseFit pose_fit = {};                     ///< of that pose
   StageTimes times = {};
   std::string prior_depth_rejection = {};  ///< why the last step that filled used the prior depth nowhere; else empty
   bool lacks_future_views = false;         ///< what the keyframe's becomes
   EngineEstimatePtr after_passes = {};     ///< if it lacks future views: before what is unverified was filled
+
+  /// Of depths, to the frontend's world.
+  float scale() const { return refined ? static_cast<float>(refined->scale) : 1; }
 };
 
 /// Takes keyframes of the window through the steps of the schedule: step 0 is the initial estimate, all others together

@@ -17,7 +17,8 @@ constexpr double kBetterScore = 1.1;
 /// px, mean of nine points of the keyframe's image over the views that are still there.
 double MeanShift(const WindowKeyframe& keyframe, const std::vector<MatchedView>& views) {
   const PinholeCamera& camera = keyframe.frame->camera;
-  const double depth = TypicalDepth(keyframe.range) / keyframe.pose.placed.scale;
+  const double depth =
+      TypicalDepth(keyframe.range) / (keyframe.capture->refined ? keyframe.capture->refined->scale : 1);
   double sum = 0;
   int count = 0;
   for (const MatchedView& view : views) {
@@ -42,6 +43,42 @@ double MeanShift(const WindowKeyframe& keyframe, const std::vector<MatchedView>&
 }
 
 }  // namespace
+
+RefinedPlace RefinedPlace::Moved(RigidTransform motion) const {
+  RefinedPlace moved = *this;
+  moved.placed = motion * placed;
+  motion.translation() /= static_cast<float>(scale);  // as depths are
+  moved.cam_from_world = motion * cam_from_world;
+  return moved;
+}
+
+std::optional<RefinedPlace> WindowKeyframe::refined_place() const {
+  if (!capture->refined) return std::nullopt;
+  return capture->refined->Moved(camera_from_capture);
+}
+
+RigidTransform WindowKeyframe::cam_from_world() const {
+  return capture->refined ? refined_place()->cam_from_world : frame->cam_from_world;
+}
+
+WindowCapture::WindowCapture(const Capture& capture) : pose(std::make_shared<CapturePose>()) {
+  for (const bool is_mapped : {true, false}) {
+    for (const FramePtr& frame : is_mapped ? capture.keyframes : capture.companions) {
+      auto image = std::make_shared<WindowKeyframe>();
+      image->frame = frame;
+      image->capture = pose;
+      image->is_mapped = is_mapped;
+      if (!is_mapped) image->state = WindowKeyframe::State::kFinished;
+      if (images.empty()) {
+        pose->id = frame->id;
+        pose->capture_from_world = frame->cam_from_world;
+      } else {
+        image->camera_from_capture = frame->cam_from_world * pose->capture_from_world.inverse();
+      }
+      images.push_back(std::move(image));
+    }
+  }
+}
 
 bool HaveMoved(const WindowKeyframe& keyframe, const std::vector<MatchedView>& views) {
   constexpr double kMax_px = 1;
@@ -73,22 +110,6 @@ void KeyframeWindow::set_max_source_views(int max_source_views) {
     keyframe->initial_score = SelectSources(*keyframe).score;
     if (keyframe->refined_score) keyframe->refined_score = keyframe->initial_score;
   }
-}
-
-WindowCapture KeyframeWindow::Add(const Capture& capture) {
-  WindowCapture added;
-  const auto add = [&](const FramePtr& frame, bool is_mapped) {
-    auto image = std::make_shared<WindowKeyframe>();
-    image->pose.placed.cam_from_world = frame->cam_from_world;
-    image->frame = frame;
-    image->is_mapped = is_mapped;
-    if (!is_mapped) image->state = WindowKeyframe::State::kFinished;
-    added.push_back(std::move(image));
-  };
-  for (const FramePtr& frame : capture.keyframes) add(frame, true);
-  for (const FramePtr& frame : capture.companions) add(frame, false);
-  captures_.push_back(added);
-  return added;
 }
 
 SourceViews KeyframeWindow::SelectSources(const WindowKeyframe& keyframe) const {
@@ -129,13 +150,15 @@ std::string KeyframeWindow::DescribeMissingViews(const WindowKeyframe& keyframe,
 
 size_t KeyframeWindow::NumLaterThan(const WindowKeyframe& keyframe) const {
   return static_cast<size_t>(std::count_if(captures_.begin(), captures_.end(), [&](const WindowCapture& capture) {
-    return capture.front()->frame->id > keyframe.frame->id;  // they ascend through all captures
+    return capture.pose->id > keyframe.capture->id;
   }));
 }
 
 std::vector<WindowKeyframePtr> KeyframeWindow::Images() const {
   std::vector<WindowKeyframePtr> images;
-  for (const WindowCapture& capture : captures_) images.insert(images.end(), capture.begin(), capture.end());
+  for (const WindowCapture& capture : captures_) {
+    images.insert(images.end(), capture.images.begin(), capture.images.end());
+  }
   return images;
 }
 
@@ -143,12 +166,11 @@ KeyframeWindow::Candidates KeyframeWindow::CandidatesOf(const WindowKeyframe& ke
   constexpr int kMapped = 1, kNotMapped = 0;  // priorities
   Candidates candidates;
   for (const WindowCapture& capture : captures_) {
-    const bool is_own = std::any_of(capture.begin(), capture.end(),
-                                    [&](const WindowKeyframePtr& image) { return image.get() == &keyframe; });
+    const bool is_own = capture.pose == keyframe.capture;
     if (!is_own && !of_all_captures) continue;
-    for (const WindowKeyframePtr& image : capture) {
+    for (const WindowKeyframePtr& image : capture.images) {
       if (image.get() == &keyframe) continue;
-      const bool is_companion = !image->is_mapped && capture.front()->is_mapped;  // else the capture is left out
+      const bool is_companion = !image->is_mapped && capture.images.front()->is_mapped;  // else the capture is left out
       if (is_companion && !is_own) continue;
       candidates.keyframes.push_back(image);
       candidates.views.push_back({CameraOf(*image->frame), is_own || image->is_mapped ? kMapped : kNotMapped});

@@ -17,24 +17,30 @@
 
 namespace acmp {
 
-/// How maps that were made with refined poses lie in the frontend's world.
-struct PlacedPose {
-  RigidTransform cam_from_world = RigidTransform::Identity();
-  float scale = 1;  ///< of their depths
-  std::optional<RefinedCamera> refined;
-  PoseFit fit;
+/// A refined pose, of a capture or of one of its cameras.
+struct RefinedPlace {
+  uint64_t world = 0;             ///< of refined poses, see RefinedCamera
+  RigidTransform cam_from_world;  ///< in it: to match with
+  RigidTransform placed;          ///< where that puts the maps in the frontend's world
+  double scale = 1;               ///< to the frontend's world, of lengths
+
+  /// That of a camera, or of a capture, which lies to this one so. @param motion in the unit of the received poses
+  RefinedPlace Moved(RigidTransform motion) const;
 };
 
-/// Where a keyframe is matched.
-struct MatchingPose {
-  std::optional<RigidTransform> refined;  ///< cam_from_world to match with; none: the frame's
-  PlacedPose placed;                      ///< where that puts the maps in the frontend's world
-};
-
-/// Of a keyframe that may have left the window.
+/// Of a capture that may have left the window.
 struct ReceivedPose {
-  int64_t id = 0;
-  RigidTransform cam_from_world = RigidTransform::Identity();
+  int64_t id = 0;  ///< of its first image
+  RigidTransform capture_from_world = RigidTransform::Identity();
+};
+
+/// Where a capture is.
+struct CapturePose : ReceivedPose {
+  std::optional<RefinedPlace> refined;  ///< none: it is matched as received
+  PoseFit fit;                          ///< of the pose in use
+  /// The earlier one from whose pose its own follows by the received motion, since the camera stands or there was no
+  /// time to refine it; none: it is refined, or is about to be.
+  std::optional<ReceivedPose> follows;
 };
 
 struct WindowKeyframe;
@@ -54,17 +60,14 @@ struct WindowKeyframe {
     kFinished,     ///< was refined or dropped
   };
   FramePtr frame;
+  std::shared_ptr<const CapturePose> capture;                       ///< all images of a capture have one pose ...
+  RigidTransform camera_from_capture = RigidTransform::Identity();  ///< ... and a constant place in it, their unit
   DepthRange range;
   State state = State::kPending;
   bool is_mapped = true;  ///< false: it is a source view of others alone
   /// Its refined maps must not be used, since received poses contradict the images, or new ones were not made.
   std::atomic<bool> is_withdrawn{false};
   bool had_turn = false;  ///< live: to be refined again
-
-  MatchingPose pose;
-  /// Of the earlier keyframe from whose pose its own follows by the received motion, since the camera stands or there
-  /// was no time to refine it; none: it is refined, or is about to be.
-  std::optional<ReceivedPose> follows;
 
   EngineImagePtr image;       ///< null until the keyframe is first used as reference or source view
   int image_levels = 0;       ///< levels it was loaded with
@@ -88,7 +91,9 @@ struct WindowKeyframe {
   bool had_fast = false;     ///< its on_fast was called
   bool had_refined = false;  ///< its on_refined was called
 
-  const RigidTransform& cam_from_world() const { return pose.refined ? *pose.refined : frame->cam_from_world; }
+  std::optional<RefinedPlace> refined_place() const;
+  /// To match with.
+  RigidTransform cam_from_world() const;
 
   /// What geometric passes of other keyframes read; may be null.
   const EngineEstimatePtr& EstimateForPasses() const {
@@ -103,8 +108,14 @@ struct WindowKeyframe {
 };
 using WindowKeyframePtr = std::shared_ptr<WindowKeyframe>;
 
-/// The images of one Capture, keyframes first; at least one. The pose of the first is refined, the others move with it.
-using WindowCapture = std::vector<WindowKeyframePtr>;
+struct WindowCapture {
+  explicit WindowCapture(const Capture& capture);
+  /// Of the first image, whose pose the capture has, where it is among these: it alone tells the refined pose.
+  const WindowKeyframe* first() const { return images.front()->frame->id == pose->id ? images.front().get() : nullptr; }
+
+  std::shared_ptr<CapturePose> pose;
+  std::vector<WindowKeyframePtr> images;  ///< that can be used, keyframes first; at least one
+};
 
 /// Source views of one keyframe, best first.
 struct SourceViews {
@@ -139,8 +150,8 @@ class KeyframeWindow {
   /// Scores of other numbers cannot be compared: what is in the window counts as what was used so far.
   void set_max_source_views(int max_source_views);
 
-  /// Adds a capture, which has an image, as the newest.
-  WindowCapture Add(const Capture& capture);
+  /// Adds a capture as the newest.
+  void Add(WindowCapture capture) { captures_.push_back(std::move(capture)); }
   void PopOldest() { captures_.pop_front(); }
 
   /// Chosen among the others in the window (SelectSourceViews), at most max_source_views: first among those that are

@@ -24,10 +24,13 @@ std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const KeyframeSteps& steps) {
   auto maps = std::make_shared<KeyframeDepth>();
   maps->frame = steps.problem.reference.frame;
   const DepthRange& range = steps.problem.depth_range;
-  maps->cam_from_world = steps.placed.cam_from_world;
-  maps->refined_camera = steps.placed.refined;
-  maps->pose_fit = steps.placed.fit;
-  maps->range = {steps.placed.scale * range.min, steps.placed.scale * range.max};
+  maps->cam_from_world = maps->frame->cam_from_world;
+  if (const auto& refined = steps.refined) {
+    maps->cam_from_world = refined->placed;
+    maps->refined_camera = RefinedCamera{refined->world, refined->cam_from_world.inverse(), refined->scale};
+  }
+  maps->pose_fit = steps.pose_fit;
+  maps->range = {steps.scale() * range.min, steps.scale() * range.max};
   maps->source_ids = steps.sources.Ids();
   maps->times = steps.times;
   maps->prior_depth_rejection = steps.prior_depth_rejection;
@@ -140,7 +143,7 @@ MapperOutputs::MapperOutputs(DepthEngine* engine, bool has_thread, DenseMapper::
 KeyframeDepthPtr MapperOutputs::MakeFast(const KeyframeSteps& steps) const {
   auto maps = MakeWithoutMaps(steps);
   maps->depth = engine_->DownloadDepth(steps.problem.reference.estimate);
-  Scale(steps.placed.scale, &maps->depth);
+  Scale(steps.scale(), &maps->depth);
   return maps;
 }
 
@@ -148,7 +151,7 @@ KeyframeDepthPtr MapperOutputs::MakeRefined(const KeyframeSteps& steps, const Fu
   auto maps = MakeWithoutMaps(steps);
   EstimateMaps estimate_maps = engine_->Download(steps.problem.reference.estimate);
   maps->depth = std::move(estimate_maps.depth);
-  Scale(steps.placed.scale, &maps->depth);
+  Scale(steps.scale(), &maps->depth);
   maps->normal = std::move(estimate_maps.normal);
   maps->cost = std::move(estimate_maps.cost);
   Timer timer;
@@ -158,7 +161,7 @@ KeyframeDepthPtr MapperOutputs::MakeRefined(const KeyframeSteps& steps, const Fu
   const EngineView& reference = steps.problem.reference;
   VoteForLabels(LabeledViewsOf(steps.problem, engine_), {reference.frame->camera, reference.cam_from_world()},
                 consistency.max_relative_depth, &maps->points_in_camera);
-  Scale(steps.placed.scale, &maps->points_in_camera);
+  Scale(steps.scale(), &maps->points_in_camera);
   maps->consistency_ms = timer.Lap();
   without_points_ = maps->points_in_camera.empty() ? without_points_ + 1 : 0;
   if (without_points_ % kLossesPeriod == 1) {

@@ -4,38 +4,22 @@
 #include <chrono>
 #include <utility>
 
+#include "acmp_mapping/mapping/dense_mapper.h"
+
 namespace acmp {
 namespace {
 
-/// The pose of a keyframe from that of another one and the received motion between the two: of the frontend since then,
-/// or from one camera to another of the same capture.
-void PredictPose(const RigidTransform& received_before, const MatchingPose& before, WindowKeyframe* keyframe) {
-  const RigidTransform& received = keyframe->frame->cam_from_world;
-  keyframe->pose = {std::nullopt, {received, 1, std::nullopt, PoseFit()}};
-  if (!before.refined) return;
-  RigidTransform motion = received * received_before.inverse();
-  PlacedPose placed = {motion * before.placed.cam_from_world, before.placed.scale, before.placed.refined, PoseFit()};
-  motion.translation() /= before.placed.scale;
-  const RigidTransform refined = motion * *before.refined;
-  placed.refined->world_from_cam = refined.inverse();
-  keyframe->pose = {refined, placed};
+/// The pose of a capture from that of another one and the received motion since then.
+void PredictPose(const ReceivedPose& before, const std::optional<RefinedPlace>& refined, CapturePose* pose) {
+  pose->refined.reset();
+  pose->fit = {};
+  if (refined) pose->refined = refined->Moved(pose->capture_from_world * before.capture_from_world.inverse());
 }
 
-/// The other images of a capture where the first one's pose puts them.
-void MoveWithFirst(const WindowCapture& capture) {
-  const WindowKeyframe& first = *capture.front();
-  for (size_t i = 1; i < capture.size(); ++i) {
-    PredictPose(first.frame->cam_from_world, first.pose, capture[i].get());
-    capture[i]->pose.placed.fit = first.pose.placed.fit;
-  }
-}
-
-/// As the refinement has found it.
-MatchingPose PoseFrom(const RefinedPose& pose, const PoseRefinement& refinement) {
-  const auto scale = static_cast<float>(refinement.scale);
-  if (!refinement.changed) return {std::nullopt, {pose.cam_from_received, scale, std::nullopt, pose.received_fit}};
-  const RefinedCamera camera = {refinement.world, pose.cam_from_world.inverse(), refinement.scale};
-  return {pose.cam_from_world, {pose.cam_from_received, scale, camera, pose.refined_fit}};
+/// As the refinement has found it; none: it leaves received poses as they are.
+std::optional<RefinedPlace> PlaceFrom(const RefinedPose& pose, const PoseRefinement& refinement) {
+  if (!refinement.changed) return std::nullopt;
+  return RefinedPlace{refinement.world, pose.cam_from_world, pose.cam_from_received, refinement.scale};
 }
 
 }  // namespace
@@ -48,13 +32,13 @@ void WindowPoses::Add(const WindowCapture& newest, const KeyframeWindow& window)
   } catch (...) {
     failure = std::current_exception();
   }
-  const WindowKeyframe& first = *newest.front();
   if (window.size() > 1) {
-    const WindowKeyframe& before = *window.WithLater(1).front();
-    PredictPose(before.frame->cam_from_world, before.pose, newest.front().get());
-    MoveWithFirst(newest);
+    const CapturePose& before = *window.WithLater(1).pose;
+    PredictPose(before, before.refined, newest.pose.get());
   }
-  waiting_.push_back({{first.frame->id, first.frame->cam_from_world}, first.frame, first.range});
+  const WindowKeyframe* first = newest.first();
+  const bool can_tell = first && HasDepthRange(first->range);
+  waiting_.push_back(can_tell ? Candidate{*newest.pose, first->frame, first->range} : Candidate{*newest.pose});
   if (waiting_.size() > kMaxWaiting) {
     Candidate& oldest = *(waiting_.end() - kMaxWaiting - 1);
     left_out_ += oldest.frame ? 1 : 0;
@@ -116,8 +100,7 @@ void WindowPoses::TakeIn(const KeyframeWindow& window) {
     }
     if (candidate.stands) ++num_standing_;
     for (const WindowCapture& capture : window) {
-      WindowKeyframe& keyframe = *capture.front();
-      if (keyframe.frame->id == candidate.received.id) keyframe.follows = moved_;
+      if (capture.pose->id == candidate.received.id) capture.pose->follows = moved_;
     }
   }
   if (!found.refinement.poses.empty()) {
@@ -136,18 +119,17 @@ void WindowPoses::Place(const KeyframeWindow& window, const PoseRefinement& refi
     return std::find_if(poses.begin(), poses.end(), [id](const RefinedPose& pose) { return pose.id == id; });
   };
   for (const WindowCapture& capture : window) {
-    WindowKeyframe& keyframe = *capture.front();
-    const auto own = find(keyframe.frame->id);
+    CapturePose& pose = *capture.pose;
+    const auto own = find(pose.id);
     if (own != poses.end()) {
-      keyframe.pose = PoseFrom(*own, refinement);
-    } else {
-      const bool is_newer = keyframe.frame->id > poses.back().id;  // its own refinement is to come
-      const std::optional<ReceivedPose>& before = is_newer ? moved_ : keyframe.follows;
-      const auto followed = before ? find(before->id) : poses.end();
-      if (followed == poses.end()) continue;
-      PredictPose(before->cam_from_world, PoseFrom(*followed, refinement), &keyframe);
+      pose.refined = PlaceFrom(*own, refinement);
+      pose.fit = refinement.changed ? own->refined_fit : own->received_fit;
+      continue;
     }
-    MoveWithFirst(capture);
+    const bool is_newer = pose.id > poses.back().id;  // its own refinement is to come
+    const std::optional<ReceivedPose>& before = is_newer ? moved_ : pose.follows;
+    const auto followed = before ? find(before->id) : poses.end();
+    if (followed != poses.end()) PredictPose(*before, PlaceFrom(*followed, refinement), &pose);
   }
 }
 

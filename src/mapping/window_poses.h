@@ -14,9 +14,8 @@
 
 namespace acmp {
 
-/// Refines the poses of the window in a thread beside the mapper: those of the first image of each capture, as the
-/// others keep their places to it, with distances in the unit of the received poses. What keyframes have taught is
-/// taken in
+/// Refines the poses of the window's captures in a thread beside the mapper, by their first images. A capture without
+/// that one follows the one before. What keyframes have taught is taken in
 /// - when the next one comes, or when nothing more comes: so results do not depend on the timing;
 /// - live, when it is ready: no keyframe waits for it. Those that come meanwhile follow the one before them by the
 ///   received motion, and are refined together next. Of more than kMaxWaiting the oldest are left out: they go on
@@ -26,7 +25,7 @@ class WindowPoses {
   /// @param refiner null: poses stay as they are
   WindowPoses(std::unique_ptr<PoseRefiner> refiner, bool live) : live_(live), refiner_(std::move(refiner)) {}
 
-  /// Takes in what is due, gives the window's newest capture the poses that follow from it, and begins again with its
+  /// Takes in what is due, gives the window's newest capture the pose that follows from it, and begins again with its
   /// first image. Throws what the refinement has thrown; poses then stay.
   void Add(const WindowCapture& newest, const KeyframeWindow& window);
 
@@ -48,8 +47,8 @@ class WindowPoses {
   /// A keyframe on its way through the refiner.
   struct Candidate {
     ReceivedPose received;
-    FramePtr frame;  ///< null: left out
-    DepthRange range;
+    FramePtr frame = nullptr;  ///< null: left out, or there is none
+    DepthRange range = {};
     bool is_kept = false;  ///< by the refiner
     bool stands = false;   ///< not kept: the camera has not moved since the one before
   };

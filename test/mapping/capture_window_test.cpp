@@ -116,47 +116,64 @@ TEST(CaptureWindowTest, ACompanionThatCannotBeUsedIsToldAndLeftOut) {
   EXPECT_THAT(harness.SourcesOf("photometric", 0), ElementsAre(2));
   EXPECT_THAT(harness.problems, ElementsAre(HasSubstr("companion_refused: keyframe 1: image size 3 x 3")));
   EXPECT_THROW(harness.mapper.AddCapture({}), InvalidInputError);
-  EXPECT_THROW(harness.mapper.AddCapture({{WallFrame(4, 0)}, {WallFrame(4, 1)}}), InvalidInputError) << "ids ascend";
+  Frame nowhere = MakeWallFrame(8, 0.5);
+  nowhere.cam_from_world.translation().x() = std::nan("");
+  harness.mapper.AddCapture({{std::make_shared<Frame>(std::move(nowhere))}, {WallFrame(9, 0.7)}});
+  EXPECT_THAT(harness.TakeEvents(), ElementsAre("drop 8 invalid_input"));
+  EXPECT_THAT(harness.problems.back(), HasSubstr("companion_refused: keyframe 8: the pose"))
+      << "it is relative to that";
+  EXPECT_THROW(harness.mapper.AddCapture({{WallFrame(10, 0)}, {WallFrame(10, 1)}}), InvalidInputError) << "ids ascend";
+}
+
+/// As the newest of a window.
+WindowCapture AddTo(KeyframeWindow* window, const Capture& capture) {
+  window->Add(WindowCapture(capture));
+  return window->WithLater(0);
 }
 
 TEST(CaptureWindowTest, CompanionsMoveRigidlyWithTheRefinedPose) {
   KeyframeWindow window({});
-  const WindowCapture added = window.Add(WallPair(0, 1));
+  const WindowCapture added = AddTo(&window, WallPair(0, 1));
   WindowPoses poses(std::make_unique<PoseRefiner>(PoseRefinementOptions()), false);
-  WindowKeyframe& keyframe = *added.front();
-  keyframe.range = {1, 10};
+  added.images.front()->range = {1, 10};
   poses.Add(added, window);
   poses.Finish(window);
-  EXPECT_FALSE(added[1]->pose.refined) << "received poses stay bit by bit";
+  const WindowKeyframe& companion = *added.images[1];
+  EXPECT_FALSE(companion.refined_place());
+  EXPECT_EQ(companion.cam_from_world().matrix(), companion.frame->cam_from_world.matrix()) << "bit by bit";
   // A refined pose in a world that is half as large as the frontend's.
-  RigidTransform refined = RigidTransform::Identity();
-  refined.linear() = Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitY()).toRotationMatrix();
-  refined.translation() = Eigen::Vector3d(1, 2, 3);
-  keyframe.pose.refined = refined;
-  keyframe.pose.placed.scale = 2;
-  keyframe.pose.placed.refined = RefinedCamera{7, refined.inverse(), 2};
-  const WindowCapture next = window.Add(WallPair(2, 1));
-  next.front()->range = {1, 10};
+  RefinedPlace refined = {7, RigidTransform::Identity(), added.pose->capture_from_world, 2};
+  refined.cam_from_world.linear() = Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitY()).toRotationMatrix();
+  refined.cam_from_world.translation() = Eigen::Vector3d(1, 2, 3);
+  added.pose->refined = refined;
+  const WindowCapture next = AddTo(&window, WallPair(2, 1));
+  next.images.front()->range = {1, 10};
   poses.Add(next, window);
-  for (const WindowKeyframePtr& image : next) ASSERT_TRUE(image->pose.refined);
-  const RigidTransform companion_from_keyframe = *next[1]->pose.refined * next[0]->pose.refined->inverse();
-  EXPECT_LT((companion_from_keyframe.translation() - Eigen::Vector3d(-kRigBaseline / 2, 0, 0)).norm(), 1e-12);
-  EXPECT_LT((companion_from_keyframe.linear() - Eigen::Matrix3d::Identity()).norm(), 1e-12);
-  const RigidTransform placed = next[1]->pose.placed.cam_from_world * next[0]->pose.placed.cam_from_world.inverse();
+  const std::optional<RefinedPlace> of_keyframe = next.images[0]->refined_place(),
+                                    of_companion = next.images[1]->refined_place();
+  ASSERT_TRUE(of_keyframe && of_companion);
+  const RigidTransform between = of_companion->cam_from_world * of_keyframe->cam_from_world.inverse();
+  EXPECT_LT((between.translation() - Eigen::Vector3d(-kRigBaseline / 2, 0, 0)).norm(), 1e-12);
+  EXPECT_LT((between.linear() - Eigen::Matrix3d::Identity()).norm(), 1e-12);
+  const RigidTransform placed = of_companion->placed * of_keyframe->placed.inverse();
   EXPECT_LT((placed.translation() - Eigen::Vector3d(-kRigBaseline, 0, 0)).norm(), 1e-12);
-  EXPECT_EQ(next[1]->pose.placed.refined->world, 7u);
+  EXPECT_EQ(of_companion->world, 7u);
 }
 
 TEST(HaveMovedTest, ByMoreThanAPixelAtTheDepthInTheWorldOfRefinedPoses) {
   KeyframeWindow window({});
-  const WindowKeyframePtr reference = window.Add({{WallFrame(0, 0)}, {}}).front();
-  const WindowKeyframePtr source = window.Add({{WallFrame(1, 0.3)}, {}}).front();
+  const WindowCapture reference_capture = AddTo(&window, {{WallFrame(0, 0)}, {}}),
+                      source_capture = AddTo(&window, {{WallFrame(1, 0.3)}, {}});
+  const WindowKeyframePtr reference = reference_capture.images.front(), source = source_capture.images.front();
   reference->range = {kWallDepth, kWallDepth * 1.0001f};
   const std::vector<MatchedView> views = {{source, source->cam_from_world() * reference->cam_from_world().inverse()}};
-  source->pose.refined = source->frame->cam_from_world;
-  source->pose.refined->translation().x() += 0.7 * kWallDepth / kWallCamera.fx;  // by 0.7 px
+  const auto as_received = [](const Frame& frame, double scale) {
+    return RefinedPlace{1, frame.cam_from_world, frame.cam_from_world, scale};
+  };
+  source_capture.pose->refined = as_received(*source->frame, 1);
+  source_capture.pose->refined->cam_from_world.translation().x() += 0.7 * kWallDepth / kWallCamera.fx;  // by 0.7 px
   EXPECT_FALSE(HaveMoved(*reference, views));
-  reference->pose.placed.scale = 2;  // a world of half the size, in which the wall is at half of its depth
+  reference_capture.pose->refined = as_received(*reference->frame, 2);  // there the wall is at half of its depth
   EXPECT_TRUE(HaveMoved(*reference, views));
 }
 

@@ -43,12 +43,13 @@ class WindowPosesTest : public ::testing::Test {
     refiner_ = made.get();
     poses_ = std::make_unique<WindowPoses>(std::move(made), live);
   }
-  void Add(size_t i) {
-    const WindowCapture added = window_.Add({{std::make_shared<Frame>(RoomFrame(i, received_[i]))}, {}});
-    added.front()->range = kRoomRange;
+  void Add(size_t i) { AddCapture(WindowCapture({{std::make_shared<Frame>(RoomFrame(i, received_[i]))}, {}})); }
+  void AddCapture(const WindowCapture& added) {
+    added.images.front()->range = kRoomRange;
+    window_.Add(added);
     poses_->Add(added, window_);
   }
-  const WindowKeyframe& Keyframe(size_t i) const { return *window_.WithLater(window_.size() - 1 - i).front(); }
+  const WindowKeyframe& Keyframe(size_t i) const { return *window_.WithLater(window_.size() - 1 - i).images.front(); }
   /// Whether a keyframe is turned against another as the received poses say; lengths depend on the scale, too.
   bool Follows(size_t i, size_t before) const {
     const auto turn = [](const RigidTransform& a, const RigidTransform& b) {
@@ -74,7 +75,7 @@ TEST_F(WindowPosesTest, LiveKeyframesDoNotWaitAndThoseOfMeanwhileAreRefinedToget
   EXPECT_THAT(refiner_->added, testing::ElementsAre(0, 1, 2, 3, 4, 5, 6, 7, 8));
   EXPECT_EQ(refiner_->refined, 2) << "the first alone, then the others";
   EXPECT_EQ(poses_->left_out(), 0u);
-  EXPECT_TRUE(Keyframe(kCount - 1).pose.refined);
+  EXPECT_TRUE(Keyframe(kCount - 1).refined_place());
   EXPECT_FALSE(Follows(kCount - 1, kCount - 2)) << "it is refined itself";
 }
 
@@ -101,6 +102,31 @@ TEST_F(WindowPosesTest, ElseEachKeyframeTakesInWhatTheOneBeforeHasTaught) {
   EXPECT_FALSE(Follows(10, 9)) << "it is refined itself";
   poses_->Finish(window_);
   EXPECT_EQ(refiner_->refined, 12);
+}
+
+TEST_F(WindowPosesTest, WhereTheFirstImageCannotBeUsedNoOtherTellsThePose) {
+  Make(false);
+  go_on_.set_value();
+  for (size_t i = 0; i < 11; ++i) Add(i);
+  constexpr size_t kMasked = 11;
+  const auto face = [&](size_t id, double turn) {
+    Frame frame = RoomFrame(kMasked, received_[kMasked]);
+    frame.id = static_cast<int64_t>(id);
+    frame.cam_from_world = Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitY()) * frame.cam_from_world;
+    return std::make_shared<Frame>(std::move(frame));
+  };
+  WindowCapture capture({{face(kMasked, 0), face(kMasked + 1, 0.5)}, {}});
+  capture.images.erase(capture.images.begin());
+  AddCapture(capture);
+  poses_->Finish(window_);
+  EXPECT_EQ(refiner_->added.back(), 10);
+  const RigidTransform back = RigidTransform(Eigen::AngleAxisd(-0.5, Eigen::Vector3d::UnitY()));
+  const auto turn_of = [](const RigidTransform& a, const RigidTransform& b) {
+    return Eigen::Matrix3d(b.linear() * a.linear().transpose());
+  };
+  EXPECT_TRUE(turn_of(Keyframe(10).cam_from_world(), back * Keyframe(kMasked).cam_from_world())
+                  .isApprox(turn_of(received_[10], received_[kMasked]), 1e-9))
+      << "it follows the one before";
 }
 
 }  // namespace

@@ -34,8 +34,8 @@ struct Frame {
 
 using FramePtr = std::shared_ptr<const Frame>;
 
-/// Images that cameras which are fixed to each other took at one time, say those of a rig. Their poses fit each other
-/// as the cameras do: that is never changed, and distances between them are in the unit of the poses.
+/// Images that cameras which are fixed to each other took at one time. The pose of the first one is the capture's, also
+/// if that image cannot be used; how the others lie to it is never changed, and is in the unit of the poses.
 struct Capture {
   std::vector<FramePtr> keyframes;   ///< get maps; those with a common centre are no source views of each other
   std::vector<FramePtr> companions;  ///< are source views only, and need no colours
