@@ -140,20 +140,23 @@ std::vector<FramePtr> FramePreparation::PrepareFrames(const KeyframeInput& input
   const LabelImage labels = LabelsOf(input);
   const Mask mask = MaskOf(input, labels);
   const DepthMap prior_depth = PriorDepthOf(input, how.uses_prior_depth);
+  auto origin = std::make_shared<CaptureOrigin>(input);
+  origin->run = how.run;
+  origin->id = next_id_;
+  const RigidTransform lens_from_world = input.world_from_cam.inverse();
   std::vector<FramePtr> frames;
   for (const Rectifier& rectifier : camera_.rectifiers) {
     const PinholeFace& face = rectifier.face();
     const Mask face_mask = rectifier.RectifyMask(mask);
     if (!frames.empty() && IgnoresAll(face_mask)) continue;
-    const KeyframeOrigin origin = input.OfFace(face);
     ColorImage image = rectifier.Rectify(rgb);
     std::shared_ptr<const std::string> jpeg = KeptImage(image, keep_images);
-    Frame frame =
-        MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), face.camera,
-                  origin.world_from_cam.inverse(), input.landmarks_in_world, SizeOf(face.camera, camera_, how.size),
-                  face_mask, rectifier.RectifyDepth(prior_depth), rectifier.RectifyLabels(labels));
+    Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), face.camera,
+                            RigidTransform(face.lens_from_face.transpose()) * lens_from_world, input.landmarks_in_world,
+                            SizeOf(face.camera, camera_, how.size), face_mask, rectifier.RectifyDepth(prior_depth),
+                            rectifier.RectifyLabels(labels));
     frames.push_back(
-        std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), origin, how.run, std::move(jpeg)}));
+        std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), origin, face, std::move(jpeg)}));
   }
   return frames;
 }

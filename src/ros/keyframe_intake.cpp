@@ -32,15 +32,6 @@ double MedianDepth(const std::vector<Eigen::Vector3d>& points_in_world, const Ri
 
 }  // namespace
 
-KeyframeOrigin KeyframeOrigin::OfFace(const PinholeFace& of) const {
-  KeyframeOrigin origin = *this;
-  origin.face = of.name;
-  origin.lens_from_face = of.lens_from_face;
-  origin.world_from_cam.rotate(of.lens_from_face);
-  if (origin.path.child_from_cam) origin.path.child_from_cam->rotate(of.lens_from_face);
-  return origin;
-}
-
 KeyframeIntake::KeyframeIntake(const NodeOptions& options, double fallback_depth, const TransformSource& transforms)
     : options_(options),
       transforms_(transforms),

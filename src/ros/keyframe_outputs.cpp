@@ -38,6 +38,10 @@ std::optional<PointCloud> FindNotMasked(const KeyframeDepth& maps) {
 
 }  // namespace
 
+std::string ReceivedFrame::name() const {
+  return Concat("image ", FormatStamp(origin->stamp_ns), face.name.empty() ? "" : ", face " + face.name);
+}
+
 KeyframeOutput MakeKeyframeOutput(const KeyframeDepthPtr& maps, double min_depth_confidence) {
   return {maps, MakeKeepMask(*maps, min_depth_confidence), FindNotMasked(*maps)};
 }
@@ -66,11 +70,10 @@ std::string DescribePixels(const KeyframeOutput& output) {
   const auto share = [&](size_t pixels) {
     return Concat(std::lround(100 * static_cast<double>(pixels) / static_cast<double>(maps.depth.size())), " % ");
   };
-  return Concat("image ", FormatStamp(output.origin().stamp_ns), ": ", share(output.points_in_camera().size()),
-                "points, ", share(not_confident), "below min_confidence, ", share(guessed),
-                "filled in where no view confirms it, ", share(without_depth), "without depth, ", share(masked),
-                "masked; ", share(at_range_end), "at an end of the depth range, ", maps.range.min, " to ",
-                maps.range.max);
+  return Concat(output.frame().name(), ": ", share(output.points_in_camera().size()), "points, ", share(not_confident),
+                "below min_confidence, ", share(guessed), "filled in where no view confirms it, ", share(without_depth),
+                "without depth, ", share(masked), "masked; ", share(at_range_end), "at an end of the depth range, ",
+                maps.range.min, " to ", maps.range.max);
 }
 
 LatencyWindow::Quantiles LatencyWindow::quantiles() const {
@@ -81,8 +84,8 @@ LatencyWindow::Quantiles LatencyWindow::quantiles() const {
   return {count_, sorted[last / 2], sorted[last * 99 / 100], sorted[last]};
 }
 
-void OutputStatus::CountRefined(const KeyframeDepth& maps, bool counts) {
-  refined += counts ? 1 : 0;
+void OutputStatus::CountRefined(const KeyframeDepth& maps) {
+  ++refined;
   times = maps.times;
   consistency_ms = maps.consistency_ms;
   pose_fit = maps.pose_fit;

@@ -69,15 +69,16 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframePointsHead& head,
 
 acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, const std::string& mapper,
                                                  bool replaces) {
-  const KeyframeOrigin& origin = output.origin();
+  const CaptureOrigin& origin = output.origin();
+  const ReceivedFrame& frame = output.frame();
   KeyframePointsHead head;
   const KeyframeDepth& maps = *output.maps;
-  head.key = {mapper, output.frame().run, static_cast<uint64_t>(maps.frame->id)};
-  head.pose = {origin.stamp_ns,   origin.world_from_cam, origin.path,
-               origin.path_frame, origin.frame_id(),     maps.frame->camera};
+  head.key = {mapper, origin.run, static_cast<uint64_t>(frame.id)};
+  head.pose = {origin.stamp_ns, frame.world_from_cam(), origin.path, origin.path_frame, frame.frame_id(), frame.camera};
+  if (head.pose.path.child_from_cam) head.pose.path.child_from_cam->rotate(frame.face.lens_from_face);
   if (maps.refined_camera) {
     head.pose.world_from_cam = maps.cam_from_world.inverse();
-    head.pose.refined = RefinedAndReceived{*maps.refined_camera, origin.world_from_cam};
+    head.pose.refined = RefinedAndReceived{*maps.refined_camera, frame.world_from_cam()};
   }
   head.world_frame = origin.world_frame;
   acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, output.points_in_camera());

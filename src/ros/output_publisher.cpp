@@ -33,12 +33,12 @@ std_msgs::Header MakeHeader(int64_t stamp_ns, const std::string& frame_id) {
   return header;
 }
 
-const KeyframeOrigin& KeyframeOriginOf(const Frame& frame) { return static_cast<const ReceivedFrame&>(frame).origin; }
+const ReceivedFrame& Received(const FramePtr& frame) { return static_cast<const ReceivedFrame&>(*frame); }
 
-double LatencyMs(const KeyframeOrigin& origin) { return (SteadySeconds() - origin.arrival_s) * 1e3; }
+double LatencyMs(const ReceivedFrame& frame) { return (SteadySeconds() - frame.origin->arrival_s) * 1e3; }
 
 std_msgs::Header CameraHeader(const KeyframeOutput& output) {
-  return MakeHeader(output.origin().stamp_ns, output.origin().frame_id());
+  return MakeHeader(output.origin().stamp_ns, output.frame().frame_id());
 }
 
 // What is published of a keyframe.
@@ -97,22 +97,20 @@ sensor_msgs::ImagePtr ConfidenceImageOf(const KeyframeOutput& output) {
   return message;
 }
 
-/// Receivers of the topic put the points where the frontend's pose says that the camera was. So that they come to lie
-/// where the pose does with which they were matched, they are given in the camera's frame of the received pose. Those
-/// of a face are given in the camera's frame, too.
+/// In the frame of the capture's camera. Receivers of the topic put the points where the frontend's pose says that it
+/// was: so that they come to lie where the pose does with which they were matched, they are moved.
 sensor_msgs::PointCloud2Ptr ToPointsAtReceivedPose(const KeyframeOutput& output, const std_msgs::Header& header) {
   const KeyframeDepth& maps = *output.maps;
-  if (!maps.refined_camera && output.origin().face.empty()) return ToCloudMessage(output.points_in_camera(), header);
   RigidTransform received_from_matched = RigidTransform::Identity();
   if (maps.refined_camera) received_from_matched = maps.frame->cam_from_world * maps.cam_from_world.inverse();
-  const Eigen::Isometry3f received_from_refined =
-      (RigidTransform(output.origin().lens_from_face) * received_from_matched).cast<float>();
+  const Eigen::Isometry3f capture_from_points =
+      (RigidTransform(output.frame().face.lens_from_face) * received_from_matched).cast<float>();
   PointCloud points = output.points_in_camera();
   for (SurfacePoint& point : points) {
     const Eigen::Vector3f position =
-        received_from_refined * Eigen::Vector3f(point.position.x, point.position.y, point.position.z);
+        capture_from_points * Eigen::Vector3f(point.position.x, point.position.y, point.position.z);
     const Eigen::Vector3f normal =
-        received_from_refined.linear() * Eigen::Vector3f(point.normal.x, point.normal.y, point.normal.z);
+        capture_from_points.linear() * Eigen::Vector3f(point.normal.x, point.normal.y, point.normal.z);
     point.position = {position.x(), position.y(), position.z()};
     point.normal = {normal.x(), normal.y(), normal.z()};
   }
@@ -181,14 +179,14 @@ void OutputPublisher::ForgetNewest() {
   }
 }
 
-OutputPublisher::ImageTopics& OutputPublisher::TopicsOf(const KeyframeOrigin& origin) {
-  const auto [found, is_new] = image_topics_.try_emplace(origin.face);
+OutputPublisher::ImageTopics& OutputPublisher::TopicsOf(const ReceivedFrame& frame) {
+  const auto [found, is_new] = image_topics_.try_emplace(frame.face.name);
   if (is_new) {
-    Advertise(origin.face, &found->second);
+    Advertise(frame.face.name, &found->second);
     if (!face_frames_) face_frames_ = std::make_unique<tf2_ros::StaticTransformBroadcaster>();
-    geometry_msgs::TransformStamped face = tf2::eigenToTransform(RigidTransform(origin.lens_from_face));
-    face.header = MakeHeader(origin.stamp_ns, origin.camera_frame);
-    face.child_frame_id = origin.frame_id();
+    geometry_msgs::TransformStamped face = tf2::eigenToTransform(RigidTransform(frame.face.lens_from_face));
+    face.header = MakeHeader(frame.origin->stamp_ns, frame.origin->camera_frame);
+    face.child_frame_id = frame.frame_id();
     face_frames_->sendTransform(face);
   }
   return found->second;
@@ -201,14 +199,13 @@ DenseMapper::Callbacks OutputPublisher::MakeCallbacks() {
   // For the map: each keyframe's depth and points are published once.
   callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) {
     Publish(maps, [this](const KeyframeOutput& output) { PublishKeyframePoints(output, true); });
-    UpdateStatus([](OutputStatus* status) { ++status->refined_again; });
+    UpdateStatus([&](OutputStatus* status) { status->refined_again += Received(maps->frame).is_first() ? 1 : 0; });
   };
   // Better points for the map: none.
   callbacks.on_withdrawn = [this](const KeyframeDepthPtr& maps, const std::string& message) {
     Publish(maps, [this](const KeyframeOutput& output) { PublishKeyframePoints(output, true); });
-    UpdateStatus([](OutputStatus* status) { ++status->withdrawn; });
-    Report({"withdrawn",
-            Concat("image ", FormatStamp(KeyframeOriginOf(*maps->frame).stamp_ns), " leaves the map: ", message)});
+    UpdateStatus([&](OutputStatus* status) { status->withdrawn += Received(maps->frame).is_first() ? 1 : 0; });
+    Report({"withdrawn", Concat(Received(maps->frame).name(), " leaves the map: ", message)});
   };
   callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
   callbacks.on_problem = [this](const std::string& reason, const std::string& message) { Report({reason, message}); };
@@ -230,62 +227,60 @@ void OutputPublisher::Publish(const KeyframeDepthPtr& maps, const PublishOutput&
   try {
     publish(MakeKeyframeOutput(maps, min_depth_confidence_));
   } catch (const std::exception& error) {
-    Report(
-        {"publish_error", Concat("image ", FormatStamp(KeyframeOriginOf(*maps->frame).stamp_ns), ": ", error.what())});
+    Report({"publish_error", Concat(Received(maps->frame).name(), ": ", error.what())});
   }
 }
 
 void OutputPublisher::HandleFast(const KeyframeDepthPtr& maps) {
-  if (KeyframeOriginOf(*maps->frame).face.empty()) reading_check_.Add(*maps->frame);
-  Publish(maps, [this](const KeyframeOutput& output) {
-    if (output.origin().face.empty()) PublishPose(output);
-    const ImageTopics& topics = TopicsOf(output.origin());
+  const ReceivedFrame& frame = Received(maps->frame);
+  if (frame.is_first()) reading_check_.Add(frame);
+  Publish(maps, [&](const KeyframeOutput& output) {
+    if (frame.is_first()) PublishPose(*frame.origin);
+    const ImageTopics& topics = TopicsOf(frame);
     if (topics.depth_fast.getNumSubscribers() > 0) {
       topics.depth_fast.publish(DepthImageOf(output), CameraInfoOf(output));
     }
   });
+  if (!frame.is_first()) return;
   UpdateStatus([&](OutputStatus* status) {
-    status->fast += KeyframeOriginOf(*maps->frame).face.empty() ? 1 : 0;
-    status->fast_latency.Add(LatencyMs(KeyframeOriginOf(*maps->frame)));
+    ++status->fast;
+    status->fast_latency.Add(LatencyMs(frame));
   });
 }
 
 void OutputPublisher::HandleRefined(const KeyframeDepthPtr& maps) {
-  const KeyframeOrigin& origin = KeyframeOriginOf(*maps->frame);
+  const ReceivedFrame& frame = Received(maps->frame);
   // First: what is published says how many images are still under way.
   UpdateStatus([&](OutputStatus* status) {
-    status->CountRefined(*maps, origin.face.empty());
-    newest_[origin.face] = maps;
+    if (frame.is_first()) status->CountRefined(*maps);
+    newest_[frame.face.name] = maps;
   });
   Publish(maps, [&](const KeyframeOutput& output) {
     PublishRefined(output);
-    if (!origin.face.empty()) return;  // a ceiling may have none, image after image
+    if (!frame.is_first()) return;  // a ceiling may have no points, image after image
     std::string without_points;
     UpdateStatus([&](OutputStatus* status) {
       status->CountPoints(output);
       without_points = status->DescribeRunWithoutPoints();
     });
-    if (!without_points.empty())
-      Report({"no_points", Concat("image ", FormatStamp(origin.stamp_ns), ": ", without_points)});
+    if (!without_points.empty()) Report({"no_points", Concat(frame.name(), ": ", without_points)});
   });
   if (!maps->prior_depth_rejection.empty()) {
-    Report({"unused_prior_depth", Concat("image ", FormatStamp(origin.stamp_ns),
-                                         ": its prior depth is not used: ", maps->prior_depth_rejection)});
+    Report(
+        {"unused_prior_depth", Concat(frame.name(), ": its prior depth is not used: ", maps->prior_depth_rejection)});
   }
-  UpdateStatus([&](OutputStatus* status) { status->refined_latency.Add(LatencyMs(origin)); });
+  if (frame.is_first()) UpdateStatus([&](OutputStatus* status) { status->refined_latency.Add(LatencyMs(frame)); });
 }
 
 void OutputPublisher::HandleDrop(const KeyframeDrop& drop) {
-  const KeyframeOrigin& origin = KeyframeOriginOf(*drop.frame);
-  if (!drop.had_fast && origin.face.empty()) reading_check_.Add(*drop.frame);
-  Report({drop.reason,
-          Concat("image ", FormatStamp(origin.stamp_ns), origin.face.empty() ? "" : ", face " + origin.face,
-                 drop.had_fast ? " (refinement only): " : ": ", drop.message),
-          origin.face.empty()});
+  const ReceivedFrame& frame = Received(drop.frame);
+  if (!drop.had_fast && frame.is_first()) reading_check_.Add(frame);
+  Report({drop.reason, Concat(frame.name(), drop.had_fast ? " (refinement only): " : ": ", drop.message),
+          frame.is_first()});
 }
 
 void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
-  for (RefinedTopic& topic : TopicsOf(output.origin()).refined) {
+  for (RefinedTopic& topic : TopicsOf(output.frame()).refined) {
     if (topic.publisher.listeners() == 0) continue;
     topic.publisher.publish(output);
     topic.has_published = true;
@@ -311,11 +306,11 @@ void OutputPublisher::PublishKeyframePoints(const KeyframeOutput& output, bool r
   }
 }
 
-void OutputPublisher::PublishPose(const KeyframeOutput& output) {
+void OutputPublisher::PublishPose(const CaptureOrigin& origin) {
   if (pose_.getNumSubscribers() == 0) return;
   auto pose = boost::make_shared<geometry_msgs::PoseStamped>();
-  pose->header = MakeHeader(output.origin().stamp_ns, output.origin().world_frame);
-  pose->pose = tf2::toMsg(output.origin().world_from_cam);
+  pose->header = MakeHeader(origin.stamp_ns, origin.world_frame);
+  pose->pose = tf2::toMsg(origin.world_from_cam);
   pose_.publish(pose);
 }
 
@@ -324,7 +319,7 @@ void OutputPublisher::PublishKeyframeDepth(const KeyframeOutput& output) {
   const KeyframeDepth& maps = *output.maps;
   auto message = boost::make_shared<acmp_mapping::KeyframeDepth>();
   message->header = MakeHeader(output.origin().stamp_ns, output.origin().world_frame);
-  message->pose = tf2::toMsg(output.origin().world_from_cam);
+  message->pose = tf2::toMsg(output.frame().world_from_cam());
   message->refined_pose = tf2::toMsg(maps.cam_from_world.inverse());
   constexpr float kNotMeasured = std::numeric_limits<float>::quiet_NaN();
   message->epipolar_residual = maps.pose_fit.matches > 0 ? static_cast<float>(maps.pose_fit.median_px) : kNotMeasured;

@@ -36,7 +36,7 @@ TEST(FramePreparation, TheFaceAheadIsTheFirstAlsoWhereTheMaskIgnoresIt) {
     FramePreparation preparation(options, mask.Clone(), report);
     std::vector<std::string> faces;
     for (const FramePtr& frame : preparation.Prepare(input, {}).keyframes) {
-      faces.push_back(static_cast<const ReceivedFrame&>(*frame).origin.face);
+      faces.push_back(static_cast<const ReceivedFrame&>(*frame).face.name);
     }
     return faces;
   };
@@ -115,7 +115,7 @@ TEST(Labels, OfAWideImageAreThoseOfItsFaces) {
   const Prepared prepared(calibration, LabelMessage(120, 120, [](int col) { return col < 60 ? 1 : 7; }), kClasses);
   ASSERT_GT(prepared.frames.size(), 1u);
   for (const FramePtr& frame : prepared.frames) {
-    const std::string& face = static_cast<const ReceivedFrame&>(*frame).origin.face;
+    const std::string& face = static_cast<const ReceivedFrame&>(*frame).face.name;
     const int col = frame->camera.width / 2, row = frame->camera.height / 2;
     if (face == "left" || face == "right") {
       EXPECT_EQ(frame->labels(col, row), face == "left" ? 1 : 7) << face;
@@ -123,6 +123,27 @@ TEST(Labels, OfAWideImageAreThoseOfItsFaces) {
       EXPECT_EQ(frame->labels(col - 2, row), 1) << face;
       EXPECT_EQ(frame->labels(col + 2, row), 7) << face;
     }
+  }
+}
+
+/// Poses are refined by it, and counts are its own, whatever of it a mask leaves.
+TEST(Labels, TheFaceAheadIsTheFirstOfItsCaptureThoughItIsMasked) {
+  CameraCalibration calibration;
+  calibration.camera = {120, 120, 36, 36, 59.5, 59.5};
+  calibration.distortion = {LensDistortion::Model::kEquidistant, {0, 0, 0, 0}};
+  calibration.field_of_view = 180;
+  const auto sky_ahead = [](int col) { return col > 24 && col < 96 ? 2 : 1; };
+  const Prepared prepared(calibration, LabelMessage(120, 120, sky_ahead), kClasses);
+  ASSERT_GT(prepared.frames.size(), 1u);
+  const auto received = [&](size_t i) -> const ReceivedFrame& {
+    return static_cast<const ReceivedFrame&>(*prepared.frames[i]);
+  };
+  EXPECT_TRUE(received(0).is_first());
+  EXPECT_EQ(received(0).face.name, "");
+  EXPECT_TRUE(IgnoresAll(received(0).mask));
+  for (size_t i = 1; i < prepared.frames.size(); ++i) {
+    EXPECT_FALSE(received(i).is_first());
+    EXPECT_EQ(received(i).origin, received(0).origin) << "one moment, one pose";
   }
 }
 

@@ -14,8 +14,9 @@ KeyframeOutput Refined(size_t points, double min_depth_confidence, Mask mask) {
   auto frame = std::make_shared<ReceivedFrame>();
   frame->camera = {4, 3, 10, 10, 1.5, 1};
   frame->mask = std::move(mask);
-  frame->origin.camera_frame = "camera";
-  frame->run = 7;
+  CaptureOrigin origin;
+  origin.camera_frame = "camera";
+  frame->origin = std::make_shared<const CaptureOrigin>(origin);
   auto maps = std::make_shared<KeyframeDepth>();
   maps->frame = frame;
   maps->depth = DepthMap(4, 3, 2.0f);
@@ -35,7 +36,6 @@ TEST(KeyframeOutputTest, LeavesOutDepthOfLittleConfidenceAndWhatIsMasked) {
   EXPECT_EQ(output.points_in_camera().size(), 5u);
   EXPECT_EQ(&output.points_in_camera(), &output.maps->points_in_camera) << "without a mask they are not copied";
   EXPECT_EQ(output.origin().camera_frame, "camera");
-  EXPECT_EQ(output.frame().run, 7u);
   const KeyframeOutput masked = Refined(5, 0, Mask(4, 3, 0));
   EXPECT_EQ(masked.keep(2, 1), 0);
   EXPECT_EQ(masked.points_in_camera().size(), 0u);

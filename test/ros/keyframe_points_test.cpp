@@ -18,7 +18,7 @@ KeyframeOutput MakeOutput() {
   auto frame = std::make_shared<ReceivedFrame>();
   frame->id = 42;
   frame->camera = {64, 48, 50.1, 50.2, 31.3, 23.4};
-  KeyframeOrigin& origin = frame->origin;
+  CaptureOrigin origin;
   origin.stamp_ns = 1403636579763555584;
   origin.camera_frame = "cam";
   origin.world_frame = "world";
@@ -28,7 +28,8 @@ KeyframeOutput MakeOutput() {
   origin.path.maps_world_to_child = true;
   origin.path.tolerance_ns = 2500000;
   origin.path_frame = "global";
-  frame->run = 1700000000123456789;
+  origin.run = 1700000000123456789;
+  frame->origin = std::make_shared<const CaptureOrigin>(origin);
   frame->jpeg = std::make_shared<const std::string>("a picture");
   auto maps = std::make_shared<KeyframeDepth>();
   maps->frame = std::move(frame);

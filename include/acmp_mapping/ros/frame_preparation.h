@@ -15,7 +15,7 @@
 namespace acmp {
 
 struct PreparationOptions {
-  uint64_t run = 0;  ///< of ReceivedFrame
+  uint64_t run = 0;  ///< of CaptureOrigin
   double size = 1;   ///< of images, as a share of what ~max_image_size allows
   bool uses_prior_depth = true;
 };

@@ -20,8 +20,8 @@
 
 namespace acmp {
 
-/// Where and when a keyframe was taken, and what its frames are called.
-struct KeyframeOrigin {
+/// Where and when a capture was taken, and what its frames are called.
+struct CaptureOrigin {
   int64_t stamp_ns = 0;      ///< of the image
   double arrival_s = 0;      ///< steady clock, of the image
   std::string camera_frame;  ///< the image's frame_id, else the camera_info's, else "camera_optical"
@@ -29,19 +29,13 @@ struct KeyframeOrigin {
   RigidTransform world_from_cam = RigidTransform::Identity();
   PathConvention path;     ///< of optimized_path
   std::string path_frame;  ///< frame_id of its poses; empty: any
-
-  // Of a face of a wide image: world_from_cam and path are the face's.
-  std::string face;  ///< PinholeFace's name
-  Eigen::Matrix3d lens_from_face = Eigen::Matrix3d::Identity();
-
-  /// The same of a face.
-  KeyframeOrigin OfFace(const PinholeFace& of) const;
-  /// frame_id of what is published of the image.
-  std::string frame_id() const { return face.empty() ? camera_frame : camera_frame + "_" + face; }
+  // When it is made into frames:
+  uint64_t run = 0;  ///< another number since the last jump of time or reset
+  int64_t id = 0;    ///< of its first frame
 };
 
 /// All that one keyframe is made of. The image is decoded and rectified later, by the worker.
-struct KeyframeInput : KeyframeOrigin {
+struct KeyframeInput : CaptureOrigin {
   std::shared_ptr<const EncodedImage> image;
   std::shared_ptr<const EncodedImage> mask;         ///< of the image as sent; null: it has none
   std::shared_ptr<const EncodedImage> prior_depth;  ///< the same

@@ -16,9 +16,17 @@ namespace acmp {
 /// A frame that knows where it comes from. All frames that the nodelet gives to its mapper are such, so that whatever
 /// the mapper tells of one can be published.
 struct ReceivedFrame : Frame {
-  KeyframeOrigin origin;
-  uint64_t run = 0;                         ///< another number since the last jump of time or reset
-  std::shared_ptr<const std::string> jpeg;  ///< file of the undistorted image (keep_images); null: not kept
+  std::shared_ptr<const CaptureOrigin> origin;  ///< one for all frames of a capture
+  PinholeFace face;                             ///< of the image as sent
+  std::shared_ptr<const std::string> jpeg;      ///< file of the undistorted image (keep_images); null: not kept
+
+  /// It stands for its capture: in counts, latencies, poses. (Of a wide image, the face ahead.)
+  bool is_first() const { return id == origin->id; }
+  /// frame_id of what is published of it.
+  std::string frame_id() const { return origin->camera_frame + (face.name.empty() ? "" : "_" + face.name); }
+  std::string name() const;  ///< "image STAMP, face left", for messages
+  /// As received.
+  RigidTransform world_from_cam() const { return origin->world_from_cam * RigidTransform(face.lens_from_face); }
 };
 
 /// A keyframe's maps ready to be published.
@@ -30,7 +38,7 @@ struct KeyframeOutput {
   /// In the camera of maps->cam_from_world.
   const PointCloud& points_in_camera() const { return not_masked ? *not_masked : maps->points_in_camera; }
   const ReceivedFrame& frame() const { return static_cast<const ReceivedFrame&>(*maps->frame); }
-  const KeyframeOrigin& origin() const { return frame().origin; }
+  const CaptureOrigin& origin() const { return *frame().origin; }
 };
 
 /// Leaves out what is masked, and depth below a confidence of 0..1.
@@ -66,7 +74,7 @@ class LatencyWindow {
 struct OutputStatus {
   static constexpr uint64_t kRunWithoutPoints = 3;  ///< refined keyframes without points that are worth a word
 
-  // Of a wide image only the face that looks ahead counts.
+  // Of captures, each by its first keyframe:
   uint64_t fast = 0;
   uint64_t refined = 0;
   uint64_t refined_again = 0;
@@ -80,7 +88,7 @@ struct OutputStatus {
   std::string no_points_reason;                 ///< ... and which check removes those of the last one
   LatencyWindow fast_latency, refined_latency;  ///< from the image's callback until its map was published
 
-  void CountRefined(const KeyframeDepth& maps, bool counts = true);
+  void CountRefined(const KeyframeDepth& maps);
   /// Of a refined keyframe.
   void CountPoints(const KeyframeOutput& output);
   /// Of the run of keyframes without points; empty: not long enough.

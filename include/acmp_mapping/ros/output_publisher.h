@@ -78,7 +78,7 @@ class OutputPublisher {
   void PublishRefined(const KeyframeOutput& output);
   /// @param replaces points that were sent before
   void PublishKeyframePoints(const KeyframeOutput& output, bool replaces);
-  void PublishPose(const KeyframeOutput& output);
+  void PublishPose(const CaptureOrigin& origin);
   void PublishKeyframeDepth(const KeyframeOutput& output);
 
   using MakeImage = std::function<sensor_msgs::ImagePtr(const KeyframeOutput&)>;
@@ -98,7 +98,7 @@ class OutputPublisher {
     std::vector<RefinedTopic> refined;
   };
   /// Advertises them when a face is first seen, and says in tf where it looks.
-  ImageTopics& TopicsOf(const KeyframeOrigin& origin);
+  ImageTopics& TopicsOf(const ReceivedFrame& frame);
   void Advertise(const std::string& face, ImageTopics* topics);
   /// What is called with a new subscriber: sends it the newest refined message of the face.
   template <class Make>
