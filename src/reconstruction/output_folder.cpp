@@ -94,20 +94,26 @@ void CheckIsFolderOrFile(const std::filesystem::path& path, std::filesystem::fil
 
 }  // namespace
 
+FileLock::FileLock(const std::filesystem::path& path, int operation) {
+  MakeFolder(path.parent_path());
+  CheckIsFolderOrFile(path, std::filesystem::file_type::regular);
+  descriptor_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);
+  if (descriptor_ >= 0 && flock(descriptor_, operation) == 0) return;
+  const int reason = errno;
+  if (descriptor_ >= 0) close(descriptor_);
+  if (reason != EWOULDBLOCK) throw ProcessingError(Concat("cannot lock ", path.string(), ": ", std::strerror(reason)));
+  throw InvalidInputError(Concat(path.parent_path().string(), ": another run is writing to this folder right now"));
+}
+
+FileLock::~FileLock() { close(descriptor_); }
+
 OutputFolder::OutputFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite, Use use)
     : path_(path) {
   MakeFolder(path_);
   RefuseForeign();  // before the lock, which would be left there
-  Lock(use == Use::kStages && !overwrite);
-  try {
-    TakeOver(record, overwrite, use == Use::kStages);
-  } catch (...) {
-    close(lock_);
-    throw;
-  }
+  lock_.emplace(path_ / kLockName, (use == Use::kStages && !overwrite ? LOCK_SH : LOCK_EX) | LOCK_NB);
+  TakeOver(record, overwrite, use == Use::kStages);
 }
-
-OutputFolder::~OutputFolder() { close(lock_); }
 
 bool OutputFolder::Exists(const std::filesystem::path& path) {
   return ReadOwnFile(path / kRecordName).rfind(kRecordTitle, 0) == 0;
@@ -119,18 +125,6 @@ std::string OutputFolder::Setting(const std::string& key) const {
 
 void OutputFolder::Rewrite(const RunRecord& record) const {
   WriteFileAtomically(path_ / kRecordName, Format(record), Durability::kPowerCut);
-}
-
-void OutputFolder::Lock(bool shared) {
-  const auto path = path_ / kLockName;
-  CheckIsFolderOrFile(path, std::filesystem::file_type::regular);
-  lock_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);
-  if (lock_ < 0) throw ProcessingError(Concat("cannot create ", path.string(), ": ", std::strerror(errno)));
-  if (flock(lock_, (shared ? LOCK_SH : LOCK_EX) | LOCK_NB) == 0) return;
-  const int reason = errno;
-  close(lock_);
-  if (reason != EWOULDBLOCK) throw ProcessingError(Concat("cannot lock ", path.string(), ": ", std::strerror(reason)));
-  throw InvalidInputError(Concat(path_.string(), ": another run is writing to this folder right now"));
 }
 
 void OutputFolder::RefuseForeign() const {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <set>
 #include <string>
 #include <utility>
@@ -10,6 +11,19 @@ namespace acmp {
 
 /// Settings that decide a run's results, in the order of run.txt: key and value.
 using RunRecord = std::vector<std::pair<std::string, std::string>>;
+
+/// Of a file that is made for it, until it is destroyed.
+class FileLock {
+ public:
+  /// @param operation of flock. With LOCK_NB, throws InvalidInputError where another process has the lock
+  FileLock(const std::filesystem::path& path, int operation);
+  ~FileLock();
+  FileLock(const FileLock&) = delete;
+  FileLock& operator=(const FileLock&) = delete;
+
+ private:
+  int descriptor_;
+};
 
 /// The folder OUTPUT: where everything lies in it, and whose it is. Only one run at a time.
 class OutputFolder {
@@ -29,7 +43,6 @@ class OutputFolder {
   /// settings (unless `overwrite`), to something else, or to a run that is going on right now.
   /// @param record these settings are compared; those that only the other run has are not
   OutputFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite, Use use = Use::kRun);
-  ~OutputFolder();
   OutputFolder(const OutputFolder&) = delete;
   OutputFolder& operator=(const OutputFolder&) = delete;
 
@@ -64,7 +77,6 @@ class OutputFolder {
 
  private:
   void RefuseForeign() const;
-  void Lock(bool shared);
   void TakeOver(const RunRecord& record, bool overwrite, bool many);
   void RemoveResults() const;
   std::string Losses() const;
@@ -72,7 +84,7 @@ class OutputFolder {
   std::filesystem::path path_;
   State state_ = State::kFresh;
   std::string losses_;
-  int lock_ = -1;
+  std::optional<FileLock> lock_;
 };
 
 }  // namespace acmp

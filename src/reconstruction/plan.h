@@ -36,10 +36,9 @@ void CheckPriorDepths(const ReconstructOptions& options, const std::vector<int>&
 std::vector<std::string> HashFiles(const Scene& scene, const std::vector<int>& indices, const StopRequest& interrupt,
                                    const std::function<void(int index)>& also);
 
-/// Of all that a run reads: files, cameras, poses, landmarks, ranges and source views that the dataset names.
-/// @param files what HashFiles says of the image at the same place of `indices`
-/// @return 8 digits
-std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<std::string>& files);
+/// The first image whose files are others than when `files` was what HashFiles said of `indices`; -1: there is none.
+int FindChangedImage(const Scene& scene, const std::vector<int>& indices, const std::vector<std::string>& files,
+                     const StopRequest& interrupt);
 
 /// What to do with one image of the scene.
 struct ImagePlan {
@@ -93,6 +92,11 @@ ReconstructPlan MakeOnlinePlan(const Scene& scene, const std::vector<int>& indic
 
 /// All the depths that the dataset names for the images, with the same margin as offline; 0, 0 when it names none.
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);
+
+/// Of all that a run reads: files, cameras, poses, landmarks, and the ranges and source views that were planned.
+/// @param files what HashFiles says of each image of the plan
+/// @return 8 digits
+std::string InputHash(const Scene& scene, const ReconstructPlan& plan, const std::vector<std::string>& files);
 
 /// The content of a plan's file: the plan and its images.
 /// @param files what HashFiles says of each image of the plan

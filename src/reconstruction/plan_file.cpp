@@ -32,8 +32,6 @@ template <class T>
 void Take(const Json& json, T* value) {
   *value = json.get<T>();
 }
-Json Put(const std::filesystem::path& path) { return path.string(); }
-void Take(const Json& json, std::filesystem::path* path) { *path = json.get<std::string>(); }
 template <int rows, int cols>
 Json Put(const Eigen::Matrix<double, rows, cols>& matrix) {
   return std::vector<double>(matrix.data(), matrix.data() + matrix.size());
@@ -57,10 +55,9 @@ void Take(const Json& json, std::optional<FaceOfImage>* face) {
   Take(json.at(1), &(*face)->lens_from_face);
 }
 
-/// visit(name, value) for what the files of a scene say of an image, but for its landmarks and what the plan has in
-/// their place.
-template <class Image, class Visit>
-void VisitImage(Image* image, const Visit& visit) {
+/// visit(name, value) for what the plan's file has of an image, but for its files.
+template <class Image, class Plan, class Visit>
+void VisitImage(Image* image, Plan* plan, const Visit& visit) {
   visit("name", &image->name);
   visit("camera", &image->camera);
   visit("distortion", &image->distortion.model);
@@ -71,23 +68,18 @@ void VisitImage(Image* image, const Visit& visit) {
   visit("move", &image->readout.move);
   visit("pose", &image->cam_from_world.matrix());
   visit("placed", &image->placed_from_world.matrix());
-}
-
-/// The same for all that the plan's file has of it.
-/// @param path relative to the scene's root
-/// @param files what HashFiles says
-template <class Image, class Plan, class Text, class Visit>
-void VisitPlanned(Image* image, Plan* plan, Text* path, Text* files, const Visit& visit) {
-  VisitImage(image, visit);
   visit("index", &plan->index);
   visit("near", &plan->range.min);
   visit("far", &plan->range.max);
   visit("sources", &plan->sources);
   visit("no_map", &plan->no_map);
-  visit("files", files);
-  visit("path", path);
-  visit("mask", &image->mask);
-  visit("prior_depth", &image->prior_depth);
+}
+
+/// @param files what HashFiles says of it
+Json DescribeImage(const SceneImage& image, const ImagePlan& plan, const std::string& files) {
+  Json json = {{"files", files}};
+  VisitImage(&image, &plan, [&](const char* name, const auto* value) { json[name] = Put(*value); });
+  return json;
 }
 
 }  // namespace
@@ -105,15 +97,20 @@ std::vector<std::string> HashFiles(const Scene& scene, const std::vector<int>& i
   return hashes;
 }
 
-std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<std::string>& files) {
+int FindChangedImage(const Scene& scene, const std::vector<int>& indices, const std::vector<std::string>& files,
+                     const StopRequest& interrupt) {
+  const std::vector<std::string> now = HashFiles(scene, indices, interrupt, [](int) {});
+  const auto changed = std::mismatch(now.begin(), now.end(), files.begin()).first - now.begin();
+  return changed == static_cast<ptrdiff_t>(now.size()) ? -1 : indices[static_cast<size_t>(changed)];
+}
+
+std::string InputHash(const Scene& scene, const ReconstructPlan& plan, const std::vector<std::string>& files) {
   uint32_t hash = 0;
-  for (size_t i = 0; i < indices.size(); ++i) {
-    const SceneImage& image = scene.images[static_cast<size_t>(indices[i])];
-    const DepthRange range = image.depth_range.value_or(DepthRange());
-    Json input = {indices[i], files.at(i), range.min, range.max, image.ranked_sources};
-    VisitImage(&image, [&](const char*, const auto* value) { input.push_back(Put(*value)); });
-    const std::vector<uint8_t> bytes = Json::to_cbor(input);
-    hash = AddToChecksum(hash, bytes.data(), bytes.size());
+  for (size_t i = 0; i < plan.images.size(); ++i) {
+    const SceneImage& image = scene.images[static_cast<size_t>(plan.images[i].index)];
+    const std::vector<uint8_t> bytes = Json::to_cbor(DescribeImage(image, plan.images[i], files.at(i)));
+    const DepthRange range = image.depth_range.value_or(DepthRange());  // which the online schedule plans nothing of
+    hash = AddToChecksum(AddToChecksum(hash, bytes.data(), bytes.size()), &range, sizeof(range));
     for (const Eigen::Vector3d& landmark : LandmarksOf(scene, image)) {
       hash = AddToChecksum(hash, landmark.data(), sizeof(landmark));
     }
@@ -126,10 +123,8 @@ std::string FormatPlan(const Scene& scene, const ReconstructPlan& plan, const st
   Json json = {{"origin", Put(plan.origin)}, {"images", Json::array()}};
   for (size_t i = 0; i < plan.images.size(); ++i) {
     const SceneImage& image = scene.images[static_cast<size_t>(plan.images[i].index)];
-    const std::string path = RelativePath(image.path, root);
-    Json view;
-    VisitPlanned(&image, &plan.images[i], &path, &files[i],
-                 [&](const char* name, const auto* value) { view[name] = Put(*value); });
+    Json view = DescribeImage(image, plan.images[i], files[i]);
+    view["paths"] = {RelativePath(image.path, root), image.mask.string(), image.prior_depth.string()};
     json["images"].push_back(std::move(view));
   }
   const std::vector<uint8_t> bytes = Json::to_cbor(json);
@@ -142,12 +137,14 @@ void ParsePlan(const std::string& content, const std::filesystem::path& root, Sc
   Take(json.at("origin"), &plan->origin);
   for (const Json& view : json.at("images")) {
     SceneImage image;
-    std::string path, hash;
-    VisitPlanned(&image, &plan->images.emplace_back(), &path, &hash,
-                 [&](const char* name, auto* value) { Take(view.at(name), value); });
-    image.path = root / path;
+    VisitImage(&image, &plan->images.emplace_back(),
+               [&](const char* name, auto* value) { Take(view.at(name), value); });
+    const Json& paths = view.at("paths");
+    image.path = root / paths.at(0).get<std::string>();
+    image.mask = paths.at(1).get<std::string>();
+    image.prior_depth = paths.at(2).get<std::string>();
     const int index = plan->images.back().index;
-    (*files)[index] = std::move(hash);
+    (*files)[index] = view.at("files");
     scene->images.resize(static_cast<size_t>(index) + 1);
     scene->images.back() = std::move(image);
   }

@@ -1,7 +1,5 @@
 #include "acmp_mapping/reconstruction/reconstruct.h"
 
-#include <sys/stat.h>
-
 #include <algorithm>
 #include <future>
 #include <numeric>
@@ -45,32 +43,15 @@ ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, co
   return MakeOfflinePlan(scene, indices, ranges, options);
 }
 
-/// Of each image: others once one of its files has been written or replaced.
-using FileStamps = std::vector<int64_t>;
-std::vector<FileStamps> StampsOf(const Scene& scene, const std::vector<int>& indices) {
-  std::vector<FileStamps> stamps(indices.size());
-  for (size_t i = 0; i < indices.size(); ++i) {
-    const SceneImage& image = scene.images[static_cast<size_t>(indices[i])];
-    for (const std::filesystem::path& path : {image.path, image.mask, image.prior_depth}) {
-      struct stat file = {};
-      if (path.empty() || stat(path.c_str(), &file) != 0) file = {};
-      stamps[i].insert(stamps[i].end(), {file.st_mtim.tv_sec, file.st_mtim.tv_nsec, file.st_ctim.tv_sec,
-                                         file.st_ctim.tv_nsec, static_cast<int64_t>(file.st_ino), file.st_size});
-    }
-  }
-  return stamps;
-}
-
-/// Images that do not fit into memory are read more than once: where one has been written meanwhile, nobody knows what
-/// the maps are of, and they are removed.
-void CheckUnchanged(const Scene& scene, const std::vector<int>& indices, const std::vector<FileStamps>& stamps,
-                    OutputFolder* folder) {
-  const std::vector<FileStamps> now = StampsOf(scene, indices);
-  const auto changed = static_cast<size_t>(std::mismatch(now.begin(), now.end(), stamps.begin()).first - now.begin());
-  if (changed == now.size()) return;
+/// Images that do not fit into memory are read more than once: where one has changed meanwhile, nobody knows what the
+/// maps are of, and they are removed.
+void CheckUnchanged(const Scene& scene, const std::vector<int>& indices, const std::vector<std::string>& files,
+                    const StopRequest& interrupt, OutputFolder* folder) {
+  const int changed = FindChangedImage(scene, indices, files, interrupt);
+  if (changed < 0) return;
   folder->StartAfresh();
-  throw ProcessingError(Concat(scene.images[static_cast<size_t>(indices[changed])].path.string(),
-                               ", its mask or its prior depth was written during the run: what had been computed is "
+  throw ProcessingError(Concat(scene.images[static_cast<size_t>(changed)].path.string(),
+                               ", its mask or its prior depth has changed during the run: what had been computed is "
                                "removed; run again with --overwrite when the images stay as they are"));
 }
 
@@ -108,12 +89,11 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   if (const std::string doubt = DescribePoseDoubt(scene, plan, &frames); !doubt.empty()) progress.Warn(doubt);
   if (plans) return PlanStages(scene, plan, options, interrupt, &frames, &progress, out);
   progress.Note(Concat("checking ", indices.size(), " images"));
-  const std::vector<FileStamps> stamps = StampsOf(scene, indices);
   // Each image is decoded once, so that a damaged one is found now and not hours later; those that fit in stay.
   const auto decode = [&](int index) { frames.Get(index); };
-  const std::string input_hash = InputHash(scene, indices, HashFiles(scene, indices, interrupt, decode));
+  const std::vector<std::string> files = HashFiles(scene, indices, interrupt, decode);
   const Devices devices(devices_to_come.get());
-  const RunRecord record = MakeRecord(options, devices.name(), input_hash);
+  const RunRecord record = MakeRecord(options, devices.name(), InputHash(scene, plan, files));
   OutputFolder folder(options.output, record, options.overwrite);
   if (folder.state() == OutputFolder::State::kComplete) {
     ReportComplete(folder, "", options, out);
@@ -138,7 +118,7 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
     if (options.online()) RunOnlineSchedule(&run);
     ReportImagesWithoutMap(plan, scene, &progress);
     const size_t points = RunAndWriteResults(&run);
-    CheckUnchanged(scene, indices, stamps, &folder);
+    CheckUnchanged(scene, indices, files, interrupt, &folder);
     EndRun(&run, record, devices.name(), timer, points, out);
   }
   if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, interrupt, &frames, &progress, out);

@@ -3,13 +3,9 @@
 // All files are whole or absent and depend on the input alone, so that any of it may be done again, at the same time or
 // after a crash.
 
-#include <fcntl.h>
 #include <sys/file.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -103,25 +99,6 @@ PlannedScene::PlannedScene(const ReconstructOptions& options)
   }
 }
 
-/// Of a file that is made for it, until it is destroyed: waits for other processes.
-class FileLock {
- public:
-  explicit FileLock(const std::filesystem::path& path) {
-    MakeFolder(path.parent_path());
-    descriptor_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);
-    if (descriptor_ >= 0 && flock(descriptor_, LOCK_EX) == 0) return;
-    const int reason = errno;
-    if (descriptor_ >= 0) close(descriptor_);
-    throw ProcessingError(Concat("cannot lock ", path.string(), ": ", std::strerror(reason)));
-  }
-  ~FileLock() { close(descriptor_); }
-  FileLock(const FileLock&) = delete;
-  FileLock& operator=(const FileLock&) = delete;
-
- private:
-  int descriptor_ = -1;
-};
-
 /// Does stages, one after the other. Devices, the plan and images are kept from one to the next: images within their
 /// share of the memory limit.
 class StageRunner {
@@ -191,13 +168,13 @@ class StageRunner {
   /// Throws InvalidInputError unless the images are what they were when they were planned.
   void CheckContent(const std::set<int>& images) const {
     const std::vector<int> indices(images.begin(), images.end());
-    const std::vector<std::string> now = HashFiles(planned_->scene, indices, interrupt_, [](int) {});
-    for (size_t i = 0; i < indices.size(); ++i) {
-      if (now[i] == planned_->files.at(indices[i])) continue;
-      throw InvalidInputError(
-          Concat("image ", planned_->scene.images[static_cast<size_t>(indices[i])].name,
-                 ": it, its mask or its prior depth has changed since it was planned: plan with --overwrite"));
-    }
+    std::vector<std::string> planned;
+    for (int index : indices) planned.push_back(planned_->files.at(index));
+    const int changed = FindChangedImage(planned_->scene, indices, planned, interrupt_);
+    if (changed < 0) return;
+    throw InvalidInputError(Concat("image ", planned_->scene.images[static_cast<size_t>(changed)].name,
+                                   ": it, its mask or its prior depth has changed since it was planned: plan with "
+                                   "--overwrite"));
   }
 
   /// All stages must be done by devices of one model: others make other bits.
@@ -205,7 +182,7 @@ class StageRunner {
   /// @return that name
   std::string CheckDevice(const std::filesystem::path& file) const {
     {
-      const FileLock lock(file.string() + ".lock");  // of those that begin at once one is the first
+      const FileLock lock(file.string() + ".lock", LOCK_EX);  // of those that begin at once one is the first
       if (!ReadWorkFile(file)) WriteWorkFile(file, devices_->name());
     }
     std::string first = ReadWorkFile(file).value_or(devices_->name());
@@ -244,7 +221,7 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
   const std::vector<std::string> files = HashFiles(scene, plan.Indices(), interrupt, [&](int index) {
     if (!plan.HasMap(index)) frames->Get(index);
   });
-  const RunRecord record = MakeRecord(options, "", InputHash(scene, plan.Indices(), files));
+  const RunRecord record = MakeRecord(options, "", InputHash(scene, plan, files));
   const OutputFolder folder(options.output, record, options.overwrite, OutputFolder::Use::kStages);
   const bool complete = folder.state() == OutputFolder::State::kComplete;
   if (!complete && folder.Setting(kDeviceKey) != "(none)" && !std::filesystem::exists(PlanFile(options.output))) {

@@ -143,9 +143,9 @@ TEST_F(ReconstructTest, FoldersOfOthersAreNeverTouched) {
 
 TEST_F(ReconstructTest, AnImageThatIsWrittenDuringTheRunFailsIt) {
   fake_.on_call = [&](int call) {
-    if (call == 2) WriteText("scene/images/00000003.png", ReadText(scene() / "images/00000003.png"));
+    if (call == 2) WriteText("scene/images/00000003.png", ReadText(scene() / "images/00000002.png"));
   };
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { Run(&fake_); }), HasAll("00000003.png", "was written during the run"));
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { Run(&fake_); }), HasAll("00000003.png", "has changed during the run"));
   EXPECT_FALSE(Has("summary.json") || Has("fused.ply") || Has("work"));
 }
 
@@ -230,9 +230,9 @@ TEST_F(ReconstructTest, DepthRangeMustComeFromSomewhere) {
     Run(&fake_);
     EXPECT_NEAR(ReadPfm(options_.output / "depth/000000.pfm")(4, 4), 4.0, 0.01);  // the fake matcher's middle
   }
-  options_.depth_min.reset();
+  options_.depth_min = 0;
   EXPECT_THAT(Error(), HasSubstr("together"));
-  options_.depth_max.reset();
+  options_.depth_max = 0;
   options_.output = output("none");
   EXPECT_THAT(Error(), HasAll("none of the 4 images gets a map", "--depth-min"));
 }
@@ -249,7 +249,7 @@ TEST_F(ReconstructTest, BadOptionsAreNamed) {
   EXPECT_THAT(ErrorWith([](auto* o) { o->preset = "online", o->max_image_size = 1; }),
               HasAll(".png: is matched at 1 x 1 px", "must be at least 2 x 2"));
   EXPECT_THAT(ErrorWith([](auto* o) { o->images = "2"; }), HasSubstr("3 of the scene's for it are not among --images"));
-  EXPECT_THAT(ErrorWith([](auto* o) { o->window_size = 1; }), HasSubstr("--window-size = 1"));
+  EXPECT_THAT(ErrorWith([](auto* o) { o->mapper.window_size = 1; }), HasSubstr("--window-size = 1"));
   EXPECT_TRUE(fake_.calls.empty());
 }
 
