@@ -131,7 +131,7 @@ std::optional<DepthRange> DatasetRange(const SceneImage& image) {
 
 std::optional<DepthRange> FindDepthRange(const Scene& scene, int index, const ReconstructOptions& options) {
   const SceneImage& image = scene.images[index];
-  const bool given = options.depth_min && options.depth_max;
+  const bool given = options.depth_min > 0 && options.depth_max > 0;
   std::optional<DepthRange> range = DatasetRange(image);
   if (!range && !given) {
     range = LandmarkRange(scene, image);
@@ -144,8 +144,8 @@ std::optional<DepthRange> FindDepthRange(const Scene& scene, int index, const Re
   }
   if (!range && !given) return std::nullopt;
   DepthRange result = range.value_or(DepthRange());
-  if (options.depth_min) result.min = static_cast<float>(*options.depth_min);
-  if (options.depth_max) result.max = static_cast<float>(*options.depth_max);
+  if (options.depth_min > 0) result.min = static_cast<float>(options.depth_min);
+  if (options.depth_max > 0) result.max = static_cast<float>(options.depth_max);
   CheckDepthRange(Concat("image ", image.name, ": depth range").c_str(), result);
   return result;
 }

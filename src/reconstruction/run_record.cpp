@@ -32,11 +32,6 @@ std::string Joined(const std::vector<std::string>& words) {
   return all.empty() ? "nothing" : all;
 }
 
-std::string RefinePosesName(const ReconstructOptions& options) {
-  PoseRefinementOptions poses = options.pose_refinement;
-  return std::get<std::string>(OptionsOf(&poses).Find("refine_poses").get());
-}
-
 /// summary.json: version, settings, images with and without a map, points, times of this run.
 /// @param failure why it counts as failed; empty: it does not
 std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, const std::string& device, size_t points,
@@ -63,27 +58,18 @@ std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, co
 }  // namespace
 
 RunRecord SettingsRecord(const ReconstructOptions& options) {
-  const auto depth = [](const std::optional<double>& value) { return value ? Concat(*value) : std::string("auto"); };
-  const auto flag = [](bool value) { return std::string(value ? "yes" : "no"); };
-  RunRecord record = {{"version", ACMP_VERSION},
-                      {"preset", options.preset},
-                      {"set", Joined(options.set)},
-                      {"schedule", options.schedule},
-                      {"max-image-size", Concat(options.max_image_size)},
-                      {"source-views", Concat(options.source_views)},
-                      {"min-source-views", Concat(MinSourceViews(options))},
-                      {"depth-min", depth(options.depth_min)},
-                      {"depth-max", depth(options.depth_max)},
-                      {"refine-poses", RefinePosesName(options)},
-                      {"seed", Concat(options.seed)},
-                      {"maps", Joined(options.maps)},
-                      {"dmb", flag(options.dmb)},
-                      {"colmap", flag(options.colmap)},
-                      {"pictures", flag(!options.no_pictures)}};
-  if (options.online()) {
-    record.emplace_back("window-size", Concat(options.window_size));
-    record.emplace_back("lookahead", Concat(options.lookahead));
-    record.emplace_back("refine-again", flag(options.refine_again));
+  ReconstructOptions copy = options;
+  const OptionList list = OptionsOf(&copy);
+  RunRecord record = {{"version", ACMP_VERSION}, {"set", Joined(options.set)}};
+  record.emplace_back("seed", Concat(options.seed));
+  record.emplace_back("maps", Joined(options.maps));
+  const auto add = [&](const std::string& name) { record.emplace_back(name, ToYaml(list.Find("--" + name).get())); };
+  for (const char* name : {"preset", "schedule", "max-image-size", "source-views", "min-source-views", "depth-min",
+                           "depth-max", "refine-poses", "dmb", "colmap", "no-pictures"}) {
+    add(name);
+  }
+  for (const char* name : {"window-size", "lookahead", "refine-again"}) {
+    if (options.online()) add(name);
   }
   return record;
 }

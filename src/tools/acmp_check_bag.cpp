@@ -94,17 +94,11 @@ int main(int argc, char** argv) {
   for (const char* flag : {"--sync-tolerance", "--pose-is", "--pose-child", "--sparse-frame", "--calibration-file"}) {
     std::string name = flag + 2;
     std::replace(name.begin(), name.end(), '-', '_');
-    const acmp::Option& option = of_mapper.Find(name);
-    const auto set = [flag, &option](const std::string& text) {
-      try {
-        option.set(acmp::ParseOption(option, text));
-      } catch (const acmp::InvalidInputError& error) {
-        throw CLI::ValidationError(flag, error.what());
-      }
-    };
-    app.add_option_function<std::string>(flag, set, "As the mapper's ~" + name + ": " + option.sentence)
-        ->type_name(acmp::DescribeValues(option))
-        ->default_str(acmp::ToYaml(option.get()));
+    acmp::Option option = of_mapper.Find(name);
+    option.sentence = "As the mapper's ~" + name + ": " + option.sentence;
+    option.name = flag;
+    option.group.clear();
+    AddOption(option, &app);
   }
   app.get_option("--pose-child")->default_str("camera_optical; what images, or frames and tf, say");
   app.get_option("--calibration-file")->type_name("FILE")->default_str("");

@@ -18,6 +18,47 @@
 
 namespace {
 
+constexpr const char* kFooter = R"(
+SCENE is a folder of images with known camera poses, in one of two layouts:
+  colmap   images/ and a COLMAP model (cameras, images, points3D as .txt or .bin) in SCENE, SCENE/sparse or
+           SCENE/sparse/0. Images with lens distortion are undistorted on the fly.
+  mvsnet   images/00000000.jpg ..., cams/00000000_cam.txt ... and pair.txt, as MVSNet and ACMP use it.
+"auto" takes mvsnet when it is there, with the landmarks of a COLMAP model beside it.
+
+OUTPUT is a folder that is made; afterwards it holds, for image 0, 1, 2, ... of the scene:
+  depth/000000.pfm         depth z in the scene's unit (metres if the poses are), 0 = unknown or masked
+  depth/000000.png         the same in thousandths, 16 bit; depth/000000.dmb with --dmb
+  normal/000000.pfm        unit normals in the camera's frame
+  cost/000000.pfm          matching cost, 0 = perfect to 2 = no view confirms it, filled in; two values stand for more:
+                           1.9999999 = filled in where a view had confirmed something;
+                           inf = the other views speak against the depth: no point
+  confidence/000000.pfm    0..1
+  pictures/000000_*.png    the four maps as colour pictures to look at
+  fused.ply                one point cloud of all images: position, normal, colour, confidence
+  cameras.txt              cameras of the maps (at the maps' size) with their poses
+  camera.yaml              with --refine-poses, where the calibration turns out to leave radial distortion: one that does
+                           not, for the frontend or the mapper's calibration_file
+  colmap/                  with --colmap: the undistorted images, sparse/, depth and normal maps in stereo/
+  summary.json, run.txt    what was done, with which settings, and how long it took
+  files.txt                names and sizes of all these files
+
+A run that was interrupted goes on where it stopped when the same command is given again; the result is the same to
+the last bit (with --schedule online it starts anew). Until then OUTPUT/work holds intermediate maps: about 50 bytes per
+pixel and image. GPUs write only what they have no room for, and make the rest
+again; on long runs that is up to 20 bytes for each pass over an image. Damaged ones are made again, and so is a
+finished run that lacks files or has some of another size.
+
+Depths are searched in the range that the dataset names (mvsnet: last line of cams/*_cam.txt), else in the range of the
+landmarks that the image observes, both widened by half at each end. --depth-min and --depth-max override that.
+
+Examples:
+  acmp_reconstruct ~/scenes/office /tmp/office
+  acmp_reconstruct ~/scenes/office /tmp/office_small --max-image-size 640 --device cpu
+  acmp_reconstruct ~/scenes/office /tmp/office --mesh /tmp/office/mesh.ply
+  acmp_reconstruct ~/scenes/office /tmp/office_online --schedule online --source-views 7
+
+Exit codes: 0 done, 2 wrong use or input, 1 failed or interrupted.)";
+
 constexpr char kGoesOn[] = "the same command goes on from here\n";
 
 /// SIGINT, SIGTERM and SIGHUP request the stop. A second signal ends the process at once. Make it before any other
@@ -105,6 +146,42 @@ int RunReconstruct(const acmp::ReconstructOptions& options, InterruptWatcher* in
   return all_done ? acmp::kExitDone : acmp::kExitFailed;
 }
 
+/// The options that --set takes.
+std::string PipelineHelp() {
+  std::string text = "\nOptions of the pipeline, for --set, with the values of the default preset:\n";
+  acmp::PipelineOptions defaults = acmp::MakePreset(acmp::ReconstructOptions().preset);
+  for (const acmp::Option& option : OptionsOf(&defaults)) {
+    text += acmp::Concat("  ", option.name, "=", acmp::ToYaml(option.get()), "  (", acmp::DescribeValues(option),
+                         ")\n      ", option.sentence, "\n");
+  }
+  return text;
+}
+
+void Declare(CLI::App* app, acmp::ReconstructOptions* options) {
+  const std::string ungrouped = app->option_defaults()->get_group();
+  app->add_option("SCENE", options->scene, "Folder with images and their poses (see below)")->required();
+  app->add_option("OUTPUT", options->output, "Folder for the results (see below)")->required();
+  for (const acmp::Option& option : OptionsOf(options)) AddOption(option, app);
+  app->option_defaults()->group("Matching");
+  app->add_option("--set", options->set,
+                  "NAME=VALUE: an option of the pipeline over the preset's, see below; may be given several times");
+  app->add_option("--seed", options->seed, "Of the random numbers: same seed, same bits")->capture_default_str();
+  app->option_defaults()->group("Machine");
+  app->add_option("--cuda-index", options->cuda_index, "Which GPUs, for example 0,1; images are shared out among them")
+      ->delimiter(',')
+      ->capture_default_str();
+  app->option_defaults()->group("Output");
+  app->add_option(
+         "--maps", options->maps,
+         "Which maps to write, for example depth,normal; none: only the cloud, in less time and a tenth of the "
+         "space")
+      ->delimiter(',')
+      ->check(CLI::IsMember(std::vector<std::string>{"depth", "normal", "cost", "confidence", "none"}))
+      ->default_str("depth,normal,cost,confidence");
+  app->option_defaults()->group(ungrouped);
+  app->footer(PipelineHelp() + kFooter);
+}
+
 int Run(int argc, char** argv) {
   signal(SIGXFSZ, SIG_IGN);  // a file that grows over its limit is then an error like a full disk
   InterruptWatcher interrupt;
@@ -113,8 +190,9 @@ int Run(int argc, char** argv) {
       "Computes depth, normal, cost and confidence maps of images with known poses by planar prior assisted\n"
       "PatchMatch multi-view stereo (ACMP), and fuses them into one point cloud.",
       "acmp_reconstruct");
-  acmp::AddReconstructOptions(&app, &options);
+  Declare(&app, &options);
   return acmp::RunTool(app, argc, argv, [&] {
+    if (options.maps == std::vector<std::string>{"none"}) options.maps.clear();
     if (!options.mesh.empty() && !options.mesh.has_parent_path()) options.mesh = options.output / options.mesh;
     return RunReconstruct(options, &interrupt);
   });

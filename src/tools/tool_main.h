@@ -15,6 +15,7 @@
 #include <CLI/CLI.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/option.h"
 
 namespace acmp {
 
@@ -43,6 +44,21 @@ inline std::string ThreadLimitReason(const std::exception& error) {
   const auto* of_system = dynamic_cast<const std::system_error*>(&error);
   if (!of_system || of_system->code() != std::errc::resource_unavailable_try_again) return "";
   return ": no further thread can be started; memory or the number of processes is limited (ulimit -v, -u)";
+}
+
+/// Declares an option of a table on the command line, under the table's heading.
+inline CLI::Option* AddOption(const Option& option, CLI::App* app) {
+  const OptionValue value = option.get();
+  if (!option.group.empty()) app->option_defaults()->group(option.group);
+  if (value == OptionValue(false)) {
+    return app->add_flag_callback(
+        option.name, [option] { option.set(true); }, option.sentence);
+  }
+  const std::string values = DescribeValues(option);
+  CLI::Option* added = app->add_option_function<std::string>(
+      option.name, [option](const std::string& text) { option.set(ParseOption(option, text)); },
+      values.empty() ? option.sentence : Concat(option.sentence, " (", values, ")"));
+  return value == OptionValue(std::string()) ? added : added->type_name("")->default_str(ToYaml(value));
 }
 
 /// Parses the command line and runs `body()`, which returns an exit code; errors become one line on stderr and the code

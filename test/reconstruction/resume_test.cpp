@@ -58,8 +58,8 @@ TEST_F(ResumeTest, ACompleteRunThatLostFilesIsMadeAgain) {
     std::filesystem::remove_all(output());
     std::filesystem::remove_all(output("whole"));
     options_.schedule = schedule;
-    options_.window_size = 4;
-    options_.lookahead = 1;
+    options_.mapper.window_size = 4;
+    options_.mapper.lookahead = 1;
     PassesOfWholeRun();
     Run(&fake_);
     const auto expect_made_again = [&](const std::string& word) {
@@ -160,7 +160,7 @@ TEST_F(ResumeTest, OverwriteRemovesWhatOtherSettingsDoNotMake) {
   EXPECT_TRUE(Has("colmap") && Has("cost"));
   options_.colmap = false;
   options_.maps = {"depth"};
-  EXPECT_THAT(Error(), HasAll("colmap was yes and is no", "maps was depth normal cost confidence and is depth"));
+  EXPECT_THAT(Error(), HasAll("colmap was true and is false", "maps was depth normal cost confidence and is depth"));
   options_.overwrite = true;
   Run(&fake_);
   EXPECT_FALSE(Has("colmap") || Has("cost"));
@@ -197,8 +197,8 @@ TEST_F(ResumeTest, WorkFilesWithDamagedContentAreMadeAgain) {
 
 TEST_F(ResumeTest, AnInterruptedOnlineRunStartsAnew) {
   options_.schedule = "online";
-  options_.window_size = 4;
-  options_.lookahead = 1;
+  options_.mapper.window_size = 4;
+  options_.mapper.lookahead = 1;
   const int passes = PassesOfWholeRun();
   for (int stop : {0, 3, passes - 1}) {
     std::filesystem::remove_all(output());

@@ -1,17 +1,12 @@
 #pragma once
 
 #include <filesystem>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/pose_refinement/pose_refinement_options.h"
-
-namespace CLI {
-class App;
-}
 
 namespace acmp {
 
@@ -30,17 +25,15 @@ struct ReconstructOptions {
 
   std::string preset = "balanced";
   std::string schedule = "offline";
-  std::vector<std::string> set;     ///< NAME=VALUE: options of the pipeline over the preset's
-  int max_image_size = 0;           ///< px, longer side; 0: as stored
-  int source_views = 10;            ///< 1..32
-  int min_source_views = 0;         ///< 0: 1 offline, the mapper's default online
-  std::optional<double> depth_min;  ///< scene units
-  std::optional<double> depth_max;
+  std::vector<std::string> set;  ///< NAME=VALUE: options of the pipeline over the preset's
+  int max_image_size = 0;        ///< px, longer side; 0: as stored
+  int source_views = 10;         ///< 1..32
+  int min_source_views = 0;      ///< 0: 1 offline, the mapper's default online
+  double depth_min = 0;          ///< scene units; 0: the dataset's or the landmarks'
+  double depth_max = 0;
   uint32_t seed = PatchMatchOptions().seed;
   PoseRefinementOptions pose_refinement = {RefinePoses::kOff, 500};
-  int window_size = DenseMapperOptions().window_size;
-  int lookahead = DenseMapperOptions().lookahead;
-  bool refine_again = DenseMapperOptions().refine_again;
+  DenseMapperOptions mapper;  ///< online: window_size, lookahead and refine_again; MakeMapperOptions sets the others
 
   std::string device = "auto";
   std::vector<int> cuda_index = {0};
@@ -71,8 +64,8 @@ struct ReconstructOptions {
   size_t MemoryBytes(double share) const { return static_cast<size_t>(share * 1e9 * memory_limit_gb); }
 };
 
-/// Declares the command line on `app`; parsing fills `options`.
-void AddReconstructOptions(CLI::App* app, ReconstructOptions* options);
+/// All options of the command line that are one value, by their names there: "--preset".
+OptionList OptionsOf(ReconstructOptions* options);
 
 /// Throws InvalidInputError naming the first option out of bounds.
 void Validate(const ReconstructOptions& options);
