@@ -88,7 +88,7 @@ ColorD PixelLight(const Shot& shot, const CameraPose& pose, int col, int row) {
       const double u = col + (i + 0.5) / kRaysPerSide - 0.5;
       const double v = row + (j + 0.5) / kRaysPerSide - 0.5;
       const Ray ray = PixelRay(shot.camera, shot.poses[kMoments[j][i]], u, v);
-      const ColorD color = LitColor(shot.world, Trace(shot.world, ray, objects), ray, shot.seed);
+      const ColorD color = LitColor(shot.world, Trace(shot.world, ray, &objects), ray, shot.seed);
       sum = {sum.r + color.r, sum.g + color.g, sum.b + color.b};
     }
   }
@@ -204,7 +204,7 @@ PointCloud SampleRow(const SyntheticView& view, const CameraPose& pose, int row,
     for (int j = 0; j < rays; ++j) {
       for (int i = 0; i < rays; ++i) {
         const Ray ray = PixelRay(camera, pose, col + (i + 0.5) / rays - 0.5, row + (j + 0.5) / rays - 0.5);
-        const WorldHit hit = Trace(world, ray, objects);
+        const WorldHit hit = Trace(world, ray, &objects);
         if (!hit.sky) points.push_back(SurfacePointAt(ray, hit, view.frame.color(col, row), LabelOf(world, hit)));
       }
     }

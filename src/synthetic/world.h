@@ -56,12 +56,6 @@ struct Intersection {
   Vec3d local_normal;  ///< unit, the solid's own frame
 };
 
-/// Whether the ray goes through the solid, or starts in it.
-bool Meets(const Solid& solid, const Ray& ray);
-
-/// First hit in front of the ray's origin.
-std::optional<Intersection> Intersect(const Solid& solid, const Ray& ray);
-
 /// Linear colour, 0..255 per channel.
 struct ColorD {
   double r, g, b;
@@ -202,12 +196,11 @@ struct WorldHit {
   bool low_texture = false;
   bool sky = false;  ///< nothing is there; `where` is then that of the room around all
 };
-WorldHit Trace(const SyntheticWorld& world, const Ray& ray);
-
 /// Indices of the objects that a ray within `margin` metres of this one, up to the far wall, can meet; the room itself
 /// is always one. Tracing a pixel's many rays against these alone gives the same hits several times faster.
 std::vector<size_t> ObjectsNear(const SyntheticWorld& world, const Ray& ray, double margin);
-WorldHit Trace(const SyntheticWorld& world, const Ray& ray, const std::vector<size_t>& objects);
+/// @param objects to look at; null: all of them
+WorldHit Trace(const SyntheticWorld& world, const Ray& ray, const std::vector<size_t>* objects = nullptr);
 
 Label LabelOf(const SyntheticWorld& world, const WorldHit& hit);
 
