@@ -293,10 +293,8 @@ char* AppendRecord(char* target, const std::array<uint32_t, 3>& triangle, const 
   return Append(Append(target, uint8_t{3}), triangle);
 }
 
-/// Writes records from a place in the file on. Returns the place after them.
 template <class Item>
-size_t WriteRecords(const std::vector<Item>& items, const Layout& layout, size_t record_bytes, size_t offset,
-                    AtomicFile* file) {
+void WriteRecords(const std::vector<Item>& items, const Layout& layout, size_t record_bytes, AtomicFile* file) {
   constexpr size_t kBlock = 1 << 18;  // records in memory at a time
   std::vector<char> records;
   for (size_t begin = 0; begin < items.size(); begin += kBlock) {
@@ -304,11 +302,8 @@ size_t WriteRecords(const std::vector<Item>& items, const Layout& layout, size_t
     records.resize(count * record_bytes);
     tbb::parallel_for(size_t{0}, count,
                       [&](size_t i) { AppendRecord(records.data() + i * record_bytes, items[begin + i], layout); });
-    file->WriteAt(offset, records.data(), records.size());
-    file->StartWriteback(offset, records.size());
-    offset += records.size();
+    file->Write(records.data(), records.size());
   }
-  return offset;
 }
 
 void WriteTextPly(const PointCloud& points, const Layout& layout, AtomicFile* file) {
@@ -326,12 +321,10 @@ void WriteTextPly(const PointCloud& points, const Layout& layout, AtomicFile* fi
 void WritePlyMesh(const TriangleMesh& mesh, const Eigen::Vector3d& origin, AtomicFile* file) {
   const Layout layout = {origin};
   // int and not uint: some readers know no other type here.
-  const std::string header =
-      MakeHeader(mesh.vertices.size(), layout, "",
-                 Concat("element face ", mesh.triangles.size(), "\nproperty list uchar int vertex_indices\n"));
-  file->Write(header);
-  const size_t end = WriteRecords(mesh.vertices, layout, layout.record_bytes(), header.size(), file);
-  WriteRecords(mesh.triangles, layout, kTriangleBytes, end, file);
+  file->Write(MakeHeader(mesh.vertices.size(), layout, "",
+                         Concat("element face ", mesh.triangles.size(), "\nproperty list uchar int vertex_indices\n")));
+  WriteRecords(mesh.vertices, layout, layout.record_bytes(), file);
+  WriteRecords(mesh.triangles, layout, kTriangleBytes, file);
 }
 
 /// Vertices (v x y z red green blue, colours 0..1, which many programs read), normals and triangles.
@@ -358,9 +351,8 @@ void WritePly(const std::filesystem::path& path, const PointCloud& points, const
   AtomicFile file(path, Durability::kPowerCut);
   const Layout layout = {origin, HasLabels(points)};
   if (binary) {
-    const std::string header = MakeHeader(points.size(), layout, "");
-    file.Write(header);
-    WriteRecords(points, layout, layout.record_bytes(), header.size(), &file);
+    file.Write(MakeHeader(points.size(), layout, ""));
+    WriteRecords(points, layout, layout.record_bytes(), &file);
   } else {
     WriteTextPly(points, layout, &file);
   }
@@ -374,15 +366,18 @@ std::string PlyFile::Header() const {
 }
 
 PlyFile::PlyFile(const std::filesystem::path& path, Durability durability, const Eigen::Vector3d& origin)
-    : file_(path, durability), origin_(origin), end_(Header().size()) {}
+    : file_(path, durability), origin_(origin) {
+  file_.Write(Header());
+}
 
 void PlyFile::Append(const PointCloud& points) {
   const Layout layout = {origin_};
-  end_ = WriteRecords(points, layout, layout.record_bytes(), end_, &file_);
+  WriteRecords(points, layout, layout.record_bytes(), &file_);
   points_ += points.size();
 }
 
 void PlyFile::Commit() {
+  file_.Rewind();
   file_.Write(Header());
   file_.Commit();
 }

@@ -1,5 +1,8 @@
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <set>
+#include <unordered_map>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
@@ -28,7 +31,8 @@ class ColmapModelBuilder {
   void AddCamera(const std::string& where, int64_t id, ColmapCamera camera);
   void AddPoint(const std::string& where, int64_t id, const Eigen::Vector3d& point_in_world);
   /// Points and cameras must have been added before.
-  void AddImage(const std::string& where, ColmapImage image, const std::vector<ColmapFeature>& features);
+  void AddImage(const std::string& where, int64_t id, int64_t camera_id, SceneImage image,
+                const std::vector<ColmapFeature>& features);
   void AddWarning(std::string warning) { model_.warnings.push_back(std::move(warning)); }
   ColmapModel Finish(const std::filesystem::path& folder);
 
@@ -38,20 +42,21 @@ class ColmapModelBuilder {
     std::string image;
     double median_px = 0;
   };
-  void CheckFeatures(const ColmapImage& image, const std::vector<ColmapFeature>& features);
+  void CheckFeatures(const SceneImage& image, const std::vector<ColmapFeature>& features);
   void WarnOfMisfits();
   void SeeAllPoints();
 
   std::vector<Misfit> misfits_;
   size_t checked_images_ = 0;
   ColmapModel model_;
+  std::unordered_map<int64_t, ColmapCamera> cameras_;
   std::unordered_map<int64_t, int> point_index_;
-  std::unordered_map<int64_t, std::string> name_of_image_;
-  std::unordered_map<std::string, int64_t> image_of_name_;
+  std::map<int64_t, SceneImage> images_;
+  std::set<std::string> names_;
 };
 
 void ColmapModelBuilder::AddCamera(const std::string& where, int64_t id, ColmapCamera camera) {
-  if (!model_.cameras.emplace(id, std::move(camera)).second) {
+  if (!cameras_.emplace(id, std::move(camera)).second) {
     throw InvalidInputError(Concat(where, ": camera id ", id, " occurs twice"));
   }
 }
@@ -63,16 +68,17 @@ void ColmapModelBuilder::AddPoint(const std::string& where, int64_t id, const Ei
   model_.landmarks_in_world.push_back(point_in_world);
 }
 
-void ColmapModelBuilder::AddImage(const std::string& where, ColmapImage image,
+void ColmapModelBuilder::AddImage(const std::string& where, int64_t id, int64_t camera_id, SceneImage image,
                                   const std::vector<ColmapFeature>& features) {
-  if (model_.cameras.count(image.camera_id) == 0) {
-    throw InvalidInputError(Concat(where, ": image ", image.name, " names camera id ", image.camera_id,
+  const auto camera = cameras_.find(camera_id);
+  if (camera == cameras_.end()) {
+    throw InvalidInputError(Concat(where, ": image ", image.name, " names camera id ", camera_id,
                                    ", which the cameras file does not have"));
   }
-  if (!name_of_image_.emplace(image.id, image.name).second) {
-    throw InvalidInputError(Concat(where, ": image id ", image.id, " occurs twice"));
-  }
-  if (!image_of_name_.emplace(image.name, image.id).second) {
+  image.camera = camera->second.camera;
+  image.distortion = camera->second.distortion;
+  if (images_.count(id) > 0) throw InvalidInputError(Concat(where, ": image id ", id, " occurs twice"));
+  if (!names_.insert(image.name).second) {
     throw InvalidInputError(Concat(where, ": image name ", image.name, " occurs twice"));
   }
   for (const ColmapFeature& feature : features) {
@@ -89,15 +95,14 @@ void ColmapModelBuilder::AddImage(const std::string& where, ColmapImage image,
   auto& indices = image.landmark_indices;
   std::sort(indices.begin(), indices.end());
   indices.erase(std::unique(indices.begin(), indices.end()), indices.end());
-  model_.images.push_back(std::move(image));
+  images_.emplace(id, std::move(image));
 }
 
-void ColmapModelBuilder::CheckFeatures(const ColmapImage& image, const std::vector<ColmapFeature>& features) {
+void ColmapModelBuilder::CheckFeatures(const SceneImage& image, const std::vector<ColmapFeature>& features) {
   constexpr size_t kFewest = 10, kSample = 500;
   constexpr double kFar_px = 4,
                    kFarShare = 0.003;  // COLMAP keeps those within 4 px; of the longer side, where it is large
-  const ColmapCamera& camera = model_.cameras.at(image.camera_id);
-  const Lens lens(camera.camera, camera.distortion);
+  const Lens lens(image.camera, image.distortion);
   std::vector<double> errors;
   const size_t step = 1 + features.size() / kSample;
   for (size_t i = 0; i < features.size(); i += step) {
@@ -111,7 +116,7 @@ void ColmapModelBuilder::CheckFeatures(const ColmapImage& image, const std::vect
   if (errors.size() < kFewest) return;
   ++checked_images_;
   const double median_px = Median(std::move(errors));
-  const double far_px = std::max(kFar_px, kFarShare * std::max(camera.camera.width, camera.camera.height));
+  const double far_px = std::max(kFar_px, kFarShare * std::max(image.camera.width, image.camera.height));
   if (median_px > far_px) misfits_.push_back({image.name, median_px});
 }
 
@@ -134,16 +139,15 @@ void ColmapModelBuilder::SeeAllPoints() {
   constexpr size_t kSample = 50000;  // of all images' points: some tell a depth range
   const std::vector<Eigen::Vector3d>& points = model_.landmarks_in_world;
   if (points.empty() || std::any_of(model_.images.begin(), model_.images.end(),
-                                    [](const ColmapImage& image) { return !image.landmark_indices.empty(); })) {
+                                    [](const SceneImage& image) { return !image.landmark_indices.empty(); })) {
     return;
   }
   const size_t step = 1 + points.size() / kSample;
-  for (ColmapImage& image : model_.images) {
-    const ColmapCamera& camera = model_.cameras.at(image.camera_id);
-    const Lens lens(camera.camera, camera.distortion);
+  for (SceneImage& image : model_.images) {
+    const Lens lens(image.camera, image.distortion);
     for (size_t i = 0; i < points.size(); i += step) {
       const auto pixel = lens.Project(image.cam_from_world * points[i]);
-      if (pixel && camera.camera.Contains(*pixel)) image.landmark_indices.push_back(static_cast<int>(i));
+      if (pixel && image.camera.Contains(*pixel)) image.landmark_indices.push_back(static_cast<int>(i));
     }
   }
   AddWarning(Concat("no image of the model names the points that it sees (tracks): of its ", points.size(),
@@ -151,9 +155,8 @@ void ColmapModelBuilder::SeeAllPoints() {
 }
 
 ColmapModel ColmapModelBuilder::Finish(const std::filesystem::path& folder) {
-  if (model_.images.empty()) throw InvalidInputError(Concat(folder.string(), ": the COLMAP model has no images"));
-  std::sort(model_.images.begin(), model_.images.end(),
-            [](const ColmapImage& a, const ColmapImage& b) { return a.id < b.id; });
+  if (images_.empty()) throw InvalidInputError(Concat(folder.string(), ": the COLMAP model has no images"));
+  for (auto& [id, image] : images_) model_.images.push_back(std::move(image));
   WarnOfMisfits();
   SeeAllPoints();
   return std::move(model_);
@@ -308,18 +311,18 @@ void ReadImages(const std::filesystem::path& folder, ColmapModelBuilder* builder
   constexpr uint64_t kMinBytes = 4 + 7 * 8 + 4 + 1 + 8;
   Records records(folder / Concat("images", Records::kExtension), "images", kMinBytes);
   while (records.Next()) {
-    ColmapImage image;
-    image.id = records.template Integer<uint32_t>("image id");
+    SceneImage image;
+    const int64_t id = records.template Integer<uint32_t>("image id");
     const std::string where = records.Where();
     Eigen::Vector4d quaternion;
     Eigen::Vector3d translation;
     for (int i = 0; i < 4; ++i) quaternion[i] = records.Real("quaternion");
     for (int i = 0; i < 3; ++i) translation[i] = records.Real("translation");
-    image.camera_id = records.template Integer<uint32_t>("camera id");
+    const int64_t camera_id = records.template Integer<uint32_t>("camera id");
     image.name = records.ImageName();
     image.cam_from_world = MakeColmapPose(where, quaternion, translation);
     const std::vector<ColmapFeature> features = records.Features();
-    builder->AddImage(where, std::move(image), features);
+    builder->AddImage(where, id, camera_id, std::move(image), features);
   }
   if (std::string warning = records.Warning(); !warning.empty()) builder->AddWarning(std::move(warning));
 }
@@ -355,19 +358,12 @@ Scene ReadColmapScene(const std::filesystem::path& root, const std::filesystem::
   scene.warnings = std::move(model.warnings);
   size_t missing = 0;
   std::filesystem::path first_missing;
-  for (ColmapImage& colmap_image : model.images) {
-    SceneImage image;
-    image.path = image_folder / colmap_image.name;
+  for (SceneImage& image : model.images) {
+    image.path = image_folder / image.name;
     if (!std::filesystem::is_regular_file(image.path)) {
       if (missing++ == 0) first_missing = image.path;
       continue;
     }
-    const ColmapCamera& camera = model.cameras.at(colmap_image.camera_id);
-    image.name = std::move(colmap_image.name);
-    image.camera = camera.camera;
-    image.distortion = camera.distortion;
-    image.cam_from_world = colmap_image.cam_from_world;
-    image.landmark_indices = std::move(colmap_image.landmark_indices);
     scene.images.push_back(std::move(image));
   }
   if (scene.images.empty()) {

@@ -45,24 +45,9 @@ std::vector<size_t> FindCameras(const std::vector<ColmapModelImage>& images, std
   return camera_of;
 }
 
-/// A little-endian file, as all machines that this is built for have their numbers.
-class BinaryFile {
- public:
-  explicit BinaryFile(const std::filesystem::path& path) : file_(path) {}
-  template <class... Values>
-  void Write(Values... values) {
-    (file_.Write(&values, sizeof(values)), ...);
-  }
-  void WriteText(const std::string& text) { file_.Write(text.c_str(), text.size() + 1); }
-  void Commit() { file_.Commit(); }
-
- private:
-  AtomicFile file_;
-};
-
 void WriteCameras(const std::filesystem::path& path, const std::vector<Lens>& cameras) {
-  BinaryFile file(path);
-  file.Write(uint64_t{cameras.size()});
+  AtomicFile file(path);
+  file.Put(uint64_t{cameras.size()});
   for (size_t i = 0; i < cameras.size(); ++i) {
     const PinholeCamera& c = cameras[i].camera();
     const LensDistortion& distortion = cameras[i].distortion();
@@ -70,9 +55,9 @@ void WriteCameras(const std::filesystem::path& path, const std::vector<Lens>& ca
     if (!is_pinhole && distortion.model != LensDistortion::Model::kEquidistant) {
       throw InvalidInputError("a COLMAP model is written of pinhole and fisheye cameras only");
     }
-    file.Write(static_cast<uint32_t>(i + 1), is_pinhole ? kPinholeModel : kFisheyeModel, static_cast<uint64_t>(c.width),
-               static_cast<uint64_t>(c.height), c.fx, c.fy, c.cx + kColmapOffset_px, c.cy + kColmapOffset_px);
-    for (const double coefficient : distortion.coefficients) file.Write(coefficient);
+    file.Put(static_cast<uint32_t>(i + 1), is_pinhole ? kPinholeModel : kFisheyeModel, static_cast<uint64_t>(c.width),
+             static_cast<uint64_t>(c.height), c.fx, c.fy, c.cx + kColmapOffset_px, c.cy + kColmapOffset_px);
+    for (const double coefficient : distortion.coefficients) file.Put(coefficient);
   }
   file.Commit();
 }
@@ -95,19 +80,19 @@ std::vector<std::vector<Feature>> WritePoints(const std::filesystem::path& path,
     return static_cast<uint64_t>(std::count_if(point.images.begin(), point.images.end(),
                                                [&](size_t image) { return pixel_in(point, image).has_value(); }));
   };
-  BinaryFile file(path);
-  file.Write(static_cast<uint64_t>(
+  AtomicFile file(path);
+  file.Put(static_cast<uint64_t>(
       std::count_if(points.begin(), points.end(), [&](const ColmapModelPoint& point) { return views(point) > 0; })));
   uint64_t id = 0;
   for (const ColmapModelPoint& point : points) {
     const uint64_t length = views(point);
     if (length == 0) continue;
     const Eigen::Vector3d& p = point.position_in_world;
-    file.Write(++id, p.x(), p.y(), p.z(), point.color.r, point.color.g, point.color.b, kUnknownError_px, length);
+    file.Put(++id, p.x(), p.y(), p.z(), point.color.r, point.color.g, point.color.b, kUnknownError_px, length);
     for (size_t i : point.images) {
       const auto pixel = pixel_in(point, i);
       if (!pixel) continue;
-      file.Write(static_cast<uint32_t>(images[i].id), static_cast<uint32_t>(features[i].size()));
+      file.Put(static_cast<uint32_t>(images[i].id), static_cast<uint32_t>(features[i].size()));
       features[i].push_back({*pixel, id});
     }
   }
@@ -117,17 +102,17 @@ std::vector<std::vector<Feature>> WritePoints(const std::filesystem::path& path,
 
 void WriteImages(const std::filesystem::path& path, const std::vector<ColmapModelImage>& images,
                  const std::vector<size_t>& camera_of, const std::vector<std::vector<Feature>>& features) {
-  BinaryFile file(path);
-  file.Write(uint64_t{images.size()});
+  AtomicFile file(path);
+  file.Put(uint64_t{images.size()});
   for (size_t i = 0; i < images.size(); ++i) {
     const Eigen::Quaterniond q(images[i].cam_from_world.linear());
     const Eigen::Vector3d t = images[i].cam_from_world.translation();
-    file.Write(static_cast<uint32_t>(images[i].id), q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z(),
-               static_cast<uint32_t>(camera_of[i] + 1));
-    file.WriteText(images[i].name);
-    file.Write(uint64_t{features[i].size()});
+    file.Put(static_cast<uint32_t>(images[i].id), q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z(),
+             static_cast<uint32_t>(camera_of[i] + 1));
+    file.Write(images[i].name.c_str(), images[i].name.size() + 1);
+    file.Put(uint64_t{features[i].size()});
     for (const Feature& feature : features[i]) {
-      file.Write(feature.pixel.x() + kColmapOffset_px, feature.pixel.y() + kColmapOffset_px, feature.point_id);
+      file.Put(feature.pixel.x() + kColmapOffset_px, feature.pixel.y() + kColmapOffset_px, feature.point_id);
     }
   }
   file.Commit();

@@ -169,8 +169,8 @@ bool IsHalfPixelOff(const PinholeCamera& camera, const PinholeCamera& colmap, Pi
 /// Takes the landmarks of a COLMAP model beside the scene, if it has the same images at the same poses.
 void AddLandmarks(const std::filesystem::path& model_folder, PixelCenters centers, Scene* scene) {
   ColmapModel model = ReadColmapModel(model_folder);
-  std::unordered_map<std::string, const ColmapImage*> by_name;
-  for (const ColmapImage& image : model.images) by_name[image.name] = &image;
+  std::unordered_map<std::string, const SceneImage*> by_name;
+  for (const SceneImage& image : model.images) by_name[image.name] = &image;
   for (const SceneImage& image : scene->images) {
     const auto found = by_name.find(image.name);
     if (found == by_name.end() || !SamePose(found->second->cam_from_world, image.cam_from_world)) {
@@ -180,7 +180,7 @@ void AddLandmarks(const std::filesystem::path& model_folder, PixelCenters center
     }
   }
   const bool all_off = std::all_of(scene->images.begin(), scene->images.end(), [&](const SceneImage& image) {
-    return IsHalfPixelOff(image.camera, model.cameras.at(by_name.at(image.name)->camera_id).camera, centers);
+    return IsHalfPixelOff(image.camera, by_name.at(image.name)->camera, centers);
   });
   if (all_off) {
     scene->warnings.push_back(Concat("the principal points of cams/ are half a pixel off those of ",

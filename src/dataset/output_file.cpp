@@ -94,16 +94,8 @@ void AtomicFile::Print(const char* format, ...) {
   if (length < 0) Fail("cannot write");
 }
 
-void AtomicFile::WriteAt(size_t offset, const void* data, size_t bytes) {
-  const auto* next = static_cast<const char*>(data);
-  while (bytes > 0) {
-    const ssize_t written = pwrite(fileno(file_.get()), next, bytes, static_cast<off_t>(offset));
-    if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) Fail("cannot write");
-    next += written;
-    offset += static_cast<size_t>(written);
-    bytes -= static_cast<size_t>(written);
-  }
+void AtomicFile::Rewind() {
+  if (std::fseek(file_.get(), 0, SEEK_SET) != 0) Fail("cannot write");
 }
 
 void AtomicFile::Reserve(uint64_t bytes) {
@@ -111,11 +103,6 @@ void AtomicFile::Reserve(uint64_t bytes) {
   if (fallocate(descriptor, FALLOC_FL_KEEP_SIZE, 0, static_cast<off_t>(bytes)) != 0 && errno != EOPNOTSUPP) {
     Fail("cannot write");
   }
-}
-
-void AtomicFile::StartWriteback(size_t offset, size_t bytes) {
-  sync_file_range(fileno(file_.get()), static_cast<off64_t>(offset), static_cast<off64_t>(bytes),
-                  SYNC_FILE_RANGE_WRITE);
 }
 
 void AtomicFile::Commit() {
@@ -151,13 +138,6 @@ std::ostringstream MakeTextFile(int digits) {
   text.imbue(std::locale::classic());
   text << std::setprecision(digits);
   return text;
-}
-
-void StartWriteback(const std::filesystem::path& path) {
-  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (descriptor < 0) return;
-  sync_file_range(descriptor, 0, 0, SYNC_FILE_RANGE_WRITE);
-  close(descriptor);
 }
 
 void SyncFolder(const std::filesystem::path& folder) {

@@ -157,6 +157,7 @@ PixelCenters ParsePixelCenters(const std::string& name) {
 
 std::vector<int> ParseImageIndices(const std::string& text, int count) {
   std::set<int> indices;
+  for (int index = 0; text.empty() && index < count; ++index) indices.insert(index);
   std::istringstream parts(text);
   for (std::string part; std::getline(parts, part, ',');) {
     const size_t dash = part.find('-', 1);

@@ -5,7 +5,6 @@
 #include <filesystem>
 #include <optional>
 #include <string>
-#include <unordered_map>
 #include <vector>
 
 #include "acmp_mapping/dataset/scene.h"
@@ -18,17 +17,8 @@ struct ColmapCamera {
   LensDistortion distortion;
 };
 
-struct ColmapImage {
-  int64_t id = 0;
-  std::string name;
-  int64_t camera_id = 0;
-  RigidTransform cam_from_world = RigidTransform::Identity();
-  std::vector<int> landmark_indices;  ///< into ColmapModel::landmarks_in_world
-};
-
 struct ColmapModel {
-  std::unordered_map<int64_t, ColmapCamera> cameras;
-  std::vector<ColmapImage> images;  ///< ascending id
+  std::vector<SceneImage> images;  ///< in the order of their ids, without paths
   std::vector<Eigen::Vector3d> landmarks_in_world;
   std::vector<std::string> warnings;
 };

@@ -176,9 +176,9 @@ py::tuple ToPython(const std::string& name, const RigidTransform& cam_from_world
   const auto map = [has_map](auto pixels) {
     return has_map ? py::object(ToNumpy<float>(std::move(pixels))) : py::object(py::none());
   };
-  return py::make_tuple(name, map(std::move(image.depth)), map(std::move(image.normal)), map(std::move(image.cost)),
-                        map(std::move(image.confidence)), ToNumpy(image.camera.K()), ToNumpy(cam_from_world.matrix()),
-                        image.sources, image.no_map);
+  return py::make_tuple(name, map(std::move(image.maps.depth)), map(std::move(image.maps.normal)),
+                        map(std::move(image.maps.cost)), map(std::move(image.maps.confidence)),
+                        ToNumpy(image.camera.K()), ToNumpy(cam_from_world.matrix()), image.sources, image.no_map);
 }
 
 /// The tool's words for arguments as Python's: "--max-image-size" is "max_image_size=".

@@ -62,7 +62,6 @@ void WriteColmapMaps(const ReconstructRun& run, int index, const FinalMaps& maps
   const auto write = [&](const std::filesystem::path& path, const auto& writer, const auto& pixels) {
     MakeFolder(path.parent_path());
     writer(path, pixels);
-    StartWriteback(path);
   };
   const auto write_map = [](const auto& path, const auto& map) { WriteColmapMap(path, map); };
   write(WorkspaceOf(run) / "images" / name, WriteColorImage, run.frames.Get(index)->color);

@@ -132,10 +132,7 @@ class ImageFiles {
   void WriteFiles(int index, const FinalMaps& maps) {
     size_t too_far = 0;
     // Side by side: compressing pictures takes longer than writing them.
-    tbb::parallel_for_each(FilesOf(index, maps, &too_far), [](const File& file) {
-      file.write(file.path);
-      StartWriteback(file.path);
-    });
+    tbb::parallel_for_each(FilesOf(index, maps, &too_far), [](const File& file) { file.write(file.path); });
     if (run_.options.colmap) WriteColmapMaps(run_, index, maps);
     run_.interrupt.Check();
     if (run_.options.stages) WriteWorkFile(RecordOf(index), ChecksumsOfFiles(index));

@@ -86,15 +86,6 @@ void ChooseSourceViews(const Scene& scene, int max_sources, std::vector<ImagePla
   });
 }
 
-/// @param levels how often the image will be halved
-void CheckSize(const SceneImage& image, const PinholeCamera& matched, int levels) {
-  const int least = 1 << levels;
-  if (matched.width >= least && matched.height >= least) return;
-  throw InvalidInputError(Concat("image ", image.path.string(), ": is matched at ", matched.width, " x ",
-                                 matched.height, " px (stored: ", image.camera.width, " x ", image.camera.height,
-                                 "): must be at least ", least, " x ", least, " for start_level = ", levels));
-}
-
 /// @param all 0, 0: none yet
 void Extend(const std::optional<DepthRange>& range, DepthRange* all) {
   if (!range) return;
@@ -129,6 +120,10 @@ std::optional<DepthRange> DatasetRange(const SceneImage& image) {
   return DepthRange{image.depth_range->min / kMargin, image.depth_range->max * kMargin};
 }
 
+namespace {
+
+/// The range to search: that of the options, else the dataset's, else the landmarks'; none where there are too few of
+/// these.
 std::optional<DepthRange> FindDepthRange(const Scene& scene, int index, const ReconstructOptions& options) {
   const SceneImage& image = scene.images[index];
   const bool given = options.depth_min > 0 && options.depth_max > 0;
@@ -149,6 +144,8 @@ std::optional<DepthRange> FindDepthRange(const Scene& scene, int index, const Re
   CheckDepthRange(Concat("image ", image.name, ": depth range").c_str(), result);
   return result;
 }
+
+}  // namespace
 
 const ImagePlan* ReconstructPlan::Find(int index) const {
   const auto found = std::lower_bound(images.begin(), images.end(), index,
@@ -187,21 +184,26 @@ void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene) {
                                  scene.images[first.index].name, ": ", first.no_map));
 }
 
-ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices,
-                                const std::vector<std::optional<DepthRange>>& ranges,
-                                const ReconstructOptions& options) {
-  DepthRange any;  // for what is done with an image that gets no map
-  for (const auto& range : ranges) Extend(range, &any);
+ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options,
+                         const std::vector<std::optional<DepthRange>>& given) {
   ReconstructPlan plan;
   plan.origin = OriginOf(scene, indices);
+  plan.images.resize(indices.size());
+  for (size_t i = 0; i < indices.size(); ++i) plan.images[i].index = indices[i];
+  if (options.online()) return plan;
+  std::vector<std::optional<DepthRange>> ranges = given;
+  ranges.resize(indices.size());
+  DepthRange any;  // for what is done with an image that gets no map
+  for (size_t i = 0; i < indices.size(); ++i) {
+    if (!ranges[i]) ranges[i] = FindDepthRange(scene, indices[i], options);
+    Extend(ranges[i], &any);
+  }
   const std::set<int> taking_part(indices.begin(), indices.end());
   for (size_t i = 0; i < indices.size(); ++i) {
-    ImagePlan image;
-    image.index = indices[i];
-    image.range = ranges.at(i).value_or(any);
+    ImagePlan& image = plan.images[i];
+    image.range = ranges[i].value_or(any);
     if (!ranges[i]) image.no_map = NoRange(scene.images[image.index]);
     image.sources = SourcesOfDataset(scene, image, taking_part, options.source_views, &plan.warnings);
-    plan.images.push_back(std::move(image));
   }
   ChooseSourceViews(scene, options.source_views, &plan.images);
   const auto needed = static_cast<size_t>(MinSourceViews(options));
@@ -214,16 +216,6 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
   }
   CheckSomeImageGetsAMap(plan, scene);
   CheckRange("number of images to fuse", static_cast<int>(plan.WithMap().size()), 1, kMaxFusionViews);
-  return plan;
-}
-
-ReconstructPlan MakeOnlinePlan(const Scene& scene, const std::vector<int>& indices) {
-  ReconstructPlan plan;
-  plan.origin = OriginOf(scene, indices);
-  for (int index : indices) {
-    plan.images.emplace_back();
-    plan.images.back().index = index;
-  }
   return plan;
 }
 
@@ -240,9 +232,14 @@ PinholeCamera MatchedCamera(const SceneImage& image, const ReconstructOptions& o
 }
 
 void CheckSizes(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options) {
+  const int levels = MakePipelineOptions(options).start_level, least = 1 << levels;
   for (int index : indices) {
     const SceneImage& image = scene.images[index];
-    CheckSize(image, MatchedCamera(image, options), MakePipelineOptions(options).start_level);
+    const PinholeCamera matched = MatchedCamera(image, options);
+    if (matched.width >= least && matched.height >= least) continue;
+    throw InvalidInputError(Concat("image ", image.path.string(), ": is matched at ", matched.width, " x ",
+                                   matched.height, " px (stored: ", image.camera.width, " x ", image.camera.height,
+                                   "): must be at least ", least, " x ", least, " for start_level = ", levels));
   }
 }
 

@@ -76,19 +76,13 @@ void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene);
 /// The range that the dataset names for an image, with the margin that is searched beside it.
 std::optional<DepthRange> DatasetRange(const SceneImage& image);
 
-/// The range to search for an image: that of the options, else the dataset's, else the landmarks'; none where there are
-/// too few of these.
-std::optional<DepthRange> FindDepthRange(const Scene& scene, int index, const ReconstructOptions& options);
-
-/// Decides source views of every image for the offline schedule. An image without a range or with too few source views
-/// gets no map; throws InvalidInputError when none gets one.
-/// @param ranges to search, of the image at the same place of `indices`
-ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices,
-                                const std::vector<std::optional<DepthRange>>& ranges,
-                                const ReconstructOptions& options);
-
-/// For the online schedule, where the mapper decides.
-ReconstructPlan MakeOnlinePlan(const Scene& scene, const std::vector<int>& indices);
+/// Decides source views of every image for the offline schedule; with the online one the mapper does. An image without
+/// a range or with too few source views gets no map; throws InvalidInputError when none gets one.
+/// @param given ranges to search, of the image at the same place of `indices`; where there is none, that of the
+/// options,
+///              else the dataset's, else the landmarks'
+ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options,
+                         const std::vector<std::optional<DepthRange>>& given = {});
 
 /// All the depths that the dataset names for the images, with the same margin as offline; 0, 0 when it names none.
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <future>
-#include <numeric>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
@@ -25,22 +24,6 @@ void CheckOutputIsNoInput(const ReconstructOptions& options) {
     throw InvalidInputError(Concat("OUTPUT = ", options.output.string(), ": holds ", name, " = ", folder.string(),
                                    ": must be another folder than one with input in it"));
   }
-}
-
-std::vector<int> ChosenImages(const Scene& scene, const std::string& list) {
-  const int count = static_cast<int>(scene.images.size());
-  if (!list.empty()) return ParseImageIndices(list, count);
-  std::vector<int> all(count);
-  std::iota(all.begin(), all.end(), 0);
-  return all;
-}
-
-ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options) {
-  if (options.online()) return MakeOnlinePlan(scene, indices);
-  std::vector<std::optional<DepthRange>> ranges;
-  ranges.reserve(indices.size());
-  for (int index : indices) ranges.push_back(FindDepthRange(scene, index, options));
-  return MakeOfflinePlan(scene, indices, ranges, options);
 }
 
 /// Images that do not fit into memory are read more than once: where one has changed meanwhile, nobody knows what the
@@ -73,7 +56,8 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   const auto faces = std::count_if(scene.images.begin(), scene.images.end(),
                                    [](const SceneImage& image) { return image.face.has_value(); });
   if (faces > 0) progress.Note(Concat(faces, " of ", scene.images.size(), " images are faces of wide ones"));
-  const std::vector<int> indices = TakeMasks(options, ChosenImages(scene, options.images), scene, &progress);
+  const std::vector<int> indices =
+      TakeMasks(options, ParseImageIndices(options.images, static_cast<int>(scene.images.size())), scene, &progress);
   CheckPriorDepths(options, indices, scene, &progress);
   for (int index : options.colmap ? indices : std::vector<int>()) {
     CheckColmapName(scene.images[static_cast<size_t>(index)].name);

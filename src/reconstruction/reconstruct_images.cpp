@@ -68,34 +68,19 @@ Scene MakeScene(const std::vector<InputImage>& images) {
   return scene;
 }
 
-ReconstructPlan MakePlan(const Scene& scene, const std::vector<InputImage>& images, const std::vector<int>& indices,
-                         const ReconstructOptions& options) {
-  std::vector<std::optional<DepthRange>> ranges;
-  for (int index : indices) {
-    const std::optional<DepthRange>& given = images[static_cast<size_t>(index)].depth_range;
-    ranges.push_back(given ? given : FindDepthRange(scene, index, options));
-  }
-  return MakeOfflinePlan(scene, indices, ranges, options);
-}
-
 /// Computes maps and points of all images.
 ImageReconstruction DoTasks(ReconstructRun* run) {
   ImageReconstruction result;
   for (const ImagePlan& image : run->plan.images) {
-    result.images.push_back({CameraOf(*run, image.index), {}, {}, {}, {}, image.sources, image.no_map});
+    result.images.push_back({CameraOf(*run, image.index), {}, image.sources, image.no_map});
   }
   std::vector<PointCloud> clouds(run->plan.images.size());
   const std::set<int> with_map = run->plan.WithMap();
   RunTasks tasks(run, run->store.final_step(), with_map);
   for (int index : with_map) {
     const ImagePlan& image = *run->plan.Find(index);
-    ImageResult& maps = result.images[static_cast<size_t>(index)];
-    tasks.AddMaps(image, true, [&maps](FinalMaps final_maps) {
-      maps.depth = std::move(final_maps.depth);
-      maps.normal = std::move(final_maps.normal);
-      maps.cost = std::move(final_maps.cost);
-      maps.confidence = std::move(final_maps.confidence);
-    });
+    FinalMaps& maps = result.images[static_cast<size_t>(index)].maps;
+    tasks.AddMaps(image, true, [&maps](FinalMaps made) { maps = std::move(made); });
     PointCloud& cloud = clouds[static_cast<size_t>(index)];
     tasks.AddFusion(image, {}, [&cloud](PointCloud points) { cloud = std::move(points); });
   }
@@ -126,9 +111,10 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
   if (images.empty()) throw InvalidInputError("number of images = 0: must be at least 1");
   FrameStore frames(MakeFrames(&images, options.max_image_size, *interrupt));
   Scene scene = MakeScene(images);
-  std::vector<int> indices(images.size());
-  std::iota(indices.begin(), indices.end(), 0);
-  ReconstructPlan plan = MakePlan(scene, images, indices, options);
+  const std::vector<int> indices = ParseImageIndices("", static_cast<int>(images.size()));
+  std::vector<std::optional<DepthRange>> ranges;
+  for (const InputImage& image : images) ranges.push_back(image.depth_range);
+  ReconstructPlan plan = MakePlan(scene, indices, options, ranges);
   interrupt->Check();
   CheckSizes(scene, indices, options);
   scene.landmarks_in_world.clear();

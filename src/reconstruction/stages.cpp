@@ -126,7 +126,7 @@ class StageRunner {
       for (const std::string& known : stages) names += known + ", ";
       throw InvalidInputError(Concat("stage ", stage, ": must be one of ", names, kFinishStage));
     }
-    const std::set<int> chosen = stage == kFinishStage ? AllImages() : ChosenImages(images);
+    const std::vector<int> chosen = stage == kFinishStage ? planned_->plan.Indices() : ChosenImages(images);
     CheckContent(chosen);
     if (!devices_) devices_.emplace(context_.make_devices());
     const std::string device = CheckDevice(folder.WorkFile("device", 0));
@@ -149,25 +149,19 @@ class StageRunner {
   }
 
  private:
-  std::set<int> AllImages() const {
-    const std::vector<int> indices = planned_->plan.Indices();
-    return {indices.begin(), indices.end()};
-  }
-
   /// Images of the list that take part.
-  std::set<int> ChosenImages(const std::string& images) const {
+  std::vector<int> ChosenImages(const std::string& images) const {
     if (images.empty()) throw InvalidInputError("stage without images: must be STAGE IMAGES, as step_0 0-15");
-    std::set<int> chosen;
+    std::vector<int> chosen;
     for (int index : ParseImageIndices(images, static_cast<int>(planned_->scene.images.size()))) {
-      if (planned_->plan.Find(index)) chosen.insert(index);
+      if (planned_->plan.Find(index)) chosen.push_back(index);
     }
     if (!chosen.empty()) return chosen;
     throw InvalidInputError(Concat("images ", images, ": the plan has none of these images"));
   }
 
   /// Throws InvalidInputError unless the images are what they were when they were planned.
-  void CheckContent(const std::set<int>& images) const {
-    const std::vector<int> indices(images.begin(), images.end());
+  void CheckContent(const std::vector<int>& indices) const {
     std::vector<std::string> planned;
     for (int index : indices) planned.push_back(planned_->files.at(index));
     const int changed = FindChangedImage(planned_->scene, indices, planned, interrupt_);

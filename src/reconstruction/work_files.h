@@ -5,8 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "acmp_mapping/engine/depth_engine.h"
-#include "acmp_mapping/fusion/depth_fusion.h"
+#include "acmp_mapping/reconstruction/reconstruct.h"
 
 namespace acmp {
 
@@ -30,13 +29,6 @@ void WriteEstimate(const std::filesystem::path& path, const EstimateState& estim
 /// Throws ProcessingError when the file is damaged.
 EstimateState ReadEstimate(const std::filesystem::path& path);
 
-/// Final maps of one image, for fusion and output.
-struct FinalMaps {
-  DepthMap depth;
-  NormalMap normal;
-  CostMap cost;
-  ConfidenceMap confidence;  ///< may be empty
-};
 void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps);
 /// Throws ProcessingError when the file is damaged.
 FinalMaps ReadFinalMaps(const std::filesystem::path& path);

@@ -3,7 +3,6 @@
 #include <filesystem>
 #include <iostream>
 #include <memory>
-#include <numeric>
 #include <string>
 #include <vector>
 
@@ -103,10 +102,7 @@ acmp::RecordingSummary MakeSceneBag(const MakeBagArguments& arguments) {
                                       acmp::ParsePixelCenters(arguments.pixel_centers));
   if (!arguments.masks.empty()) acmp::AddMasks(arguments.masks, &scene);
   for (const std::string& warning : scene.warnings) std::cerr << "warning: " << warning << '\n';
-  const int count = static_cast<int>(scene.images.size());
-  std::vector<int> indices(scene.images.size());
-  std::iota(indices.begin(), indices.end(), 0);
-  if (!arguments.images.empty()) indices = acmp::ParseImageIndices(arguments.images, count);
+  const std::vector<int> indices = acmp::ParseImageIndices(arguments.images, static_cast<int>(scene.images.size()));
   return acmp::RecordScene(scene, indices, arguments.recording, arguments.paths[1]);
 }
 

@@ -161,7 +161,6 @@ TEST_F(OutputFileTest, WhatTheSystemDoesNotTakeIsReported) {
     EXPECT_THAT(MessageOf<ProcessingError>([&] { write(&file); }), HasAll((folder() / "a").string(), "File too large"));
   };
   expect_refused([](AtomicFile* file) { file->Write(std::string(100000, 'x')); });
-  expect_refused([](AtomicFile* file) { file->WriteAt(100, "x", 1); });
   expect_refused([](AtomicFile* file) {
     file->Write("x");  // stays in the buffer
     file->Commit();

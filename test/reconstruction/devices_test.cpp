@@ -285,10 +285,10 @@ class ReconstructImagesTest : public ReconstructRunFixture {
     for (int i = 0; i < kImages; ++i) {
       const ImageResult& image = result.images[static_cast<size_t>(i)];
       const std::string name = "/00000" + std::to_string(i) + ".pfm";
-      EXPECT_TRUE(SamePixels(image.depth, ReadPfm(output() / ("depth" + name))));
-      EXPECT_TRUE(SamePixels(image.cost, ReadPfm(output() / ("cost" + name))));
-      EXPECT_TRUE(SamePixels(image.confidence, ReadPfm(output() / ("confidence" + name))));
-      EXPECT_EQ(image.normal.size(), image.depth.size());
+      EXPECT_TRUE(SamePixels(image.maps.depth, ReadPfm(output() / ("depth" + name))));
+      EXPECT_TRUE(SamePixels(image.maps.cost, ReadPfm(output() / ("cost" + name))));
+      EXPECT_TRUE(SamePixels(image.maps.confidence, ReadPfm(output() / ("confidence" + name))));
+      EXPECT_EQ(image.maps.normal.size(), image.maps.depth.size());
     }
     const PointCloud cloud = ReadPly(output() / "fused.ply");
     ASSERT_EQ(result.cloud.size(), cloud.size());

@@ -279,7 +279,7 @@ TEST(OfflinePlan, ViewsThatHardlyShareLandmarksAreNotChosen) {
     }
   }
   const auto plan_of = [&] {
-    return MakeOfflinePlan(scene, {0, 1, 2, 3, 4, 5}, std::vector<std::optional<DepthRange>>(6, DepthRange{3, 5}), {});
+    return MakePlan(scene, {0, 1, 2, 3, 4, 5}, {}, std::vector<std::optional<DepthRange>>(6, DepthRange{3, 5}));
   };
   const ReconstructPlan plan = plan_of();
   EXPECT_THAT(plan.images[0].sources, UnorderedElementsAre(1, 2, 3, 4));

@@ -85,7 +85,6 @@ class PlyFile {
   AtomicFile file_;
   const Eigen::Vector3d origin_;
   size_t points_ = 0;
-  size_t end_;  ///< of what is written
 };
 /// Where the coordinates of clouds begin that are read to be compared: chosen by the first point that is read
 /// (LocalOrigin), so that those of UTM or geocentric coordinates keep their millimetres.

@@ -19,10 +19,6 @@ enum class Durability {
 /// Throws InvalidInputError that names the folder in which the file would lie unless there is one.
 void CheckFolderOf(const std::filesystem::path& path);
 
-/// Asks the system to begin writing a file to the disk without waiting for it: a later sync then has less to do. No
-/// effect where that fails.
-void StartWriteback(const std::filesystem::path& path);
-
 /// Of the temporary names of AtomicFile and AtomicFolder, which nobody else gives to his own.
 constexpr char kTemporarySuffix[] = ".acmp.partial";
 
@@ -41,16 +37,17 @@ class AtomicFile {
 
   void Write(const void* data, size_t bytes);
   void Write(const std::string& text) { Write(text.data(), text.size()); }
+  /// Numbers as they are in memory.
+  template <class... Values>
+  void Put(const Values&... values) {
+    (Write(&values, sizeof(values)), ...);
+  }
+  /// What is written from now on takes the place of what is there from the beginning on.
+  void Rewind();
   /// What printf makes of it; numbers have a decimal point in any locale.
   void Print(const char* format, ...) __attribute__((format(printf, 2, 3)));
-  /// Writes at a place, counted from the file's beginning, where Write does not write. Several threads may do so at
-  /// once.
-  void WriteAt(size_t offset, const void* data, size_t bytes);
   /// Makes sure of the disk's space for a file of so many bytes, where the file system can do that. Throws as Write.
   void Reserve(uint64_t bytes);
-  /// Asks the system to begin writing so many bytes to the disk without waiting for it: Commit then waits less. No
-  /// effect where that fails.
-  void StartWriteback(size_t offset, size_t bytes);
   /// Nothing may be written afterwards.
   void Commit();
 

@@ -92,7 +92,8 @@ enum class PixelCenters { kInteger, kHalf };
 /// "integer" or "half"; throws InvalidInputError for anything else.
 PixelCenters ParsePixelCenters(const std::string& name);
 
-/// "0,3,7-12" as sorted, unique indices below `count`; throws InvalidInputError naming the part that is not one.
+/// "0,3,7-12" as sorted, unique indices below `count`; empty: all. Throws InvalidInputError naming the part that is not
+/// one.
 std::vector<int> ParseImageIndices(const std::string& text, int count);
 
 /// Reads a COLMAP model (text or binary; in `root`, `root/sparse` or `root/sparse/0`, images in `root/images`) or the

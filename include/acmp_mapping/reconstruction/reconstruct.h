@@ -70,13 +70,18 @@ struct InputImage {
   std::vector<int> ranked_sources;                  ///< images to match against, best first; none: found by the poses
 };
 
-/// What became of one image. Maps have the size of `camera` and are in its frame.
-struct ImageResult {
-  PinholeCamera camera;  ///< at the size that was matched
+/// Of one image, of the size and in the frame of the camera that was matched.
+struct FinalMaps {
   DepthMap depth;
   NormalMap normal;
   CostMap cost;
-  ConfidenceMap confidence;
+  ConfidenceMap confidence;  ///< empty where nobody asked for it
+};
+
+/// What became of one image.
+struct ImageResult {
+  PinholeCamera camera;  ///< at the size that was matched
+  FinalMaps maps;
   std::vector<int> sources;  ///< images that it was matched against, best first
   std::string no_map;        ///< why it has no maps; empty when it has
 };
