@@ -38,7 +38,7 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
-from nodelet_session import TOPICS, Session, call, image_counts, make_bag, sample, save_map, save_session, wait_for
+from nodelet_session import TOPICS, Session, call, image_counts, make_bag, mapper_diagnostics, sample, save_map, save_session, wait_for
 
 PLY_BYTES_PER_POINT = 6 * 4 + 3 + 4
 CHOICE = random.Random(1)
@@ -305,8 +305,7 @@ def foreign_pictures(_):
             expect(f" {len(frames)} refined" in answer, answer)
             points = save_map(f"{folder}/map.ply")[0]
             expect(points > 0, "no map")
-            told = subprocess.run(["rostopic", "echo", "-n", "3", "/diagnostics"], stdout=subprocess.PIPE, text=True, check=True).stdout
-            refused = dict(re.findall(r'key: "dropped: (bad_\w+)"\s+value: "(\d+)', told))
+            refused = {key[9:]: told.split()[0] for key, told in mapper_diagnostics().items() if key.startswith("dropped: bad_")}
             counts = {"bad_image": len(pictures), "bad_source_image": len(pictures) // 2, "bad_mask": len(NO_RAW_IMAGES),
                       "bad_prior_depth": len(NO_RAW_IMAGES)}
             expect(refused == {name: str(count) for name, count in counts.items()}, f"told: {refused}")

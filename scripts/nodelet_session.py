@@ -78,16 +78,20 @@ def play_command(bag, *options, rate=20):
             *TOPICS.values()]
 
 
-def image_counts():
-    """How many images the mapper has received, and how many of them wait for their pose or cloud, as its next diagnostics
-    say."""
-    received = []
-    while not received:  # others publish theirs there, too
+def mapper_diagnostics():
+    """Its next ones: key and value, of long ones the first line."""
+    values = {}
+    while "images" not in values:  # others publish theirs there, too
         echo = ["rostopic", "echo", "-n", "3", "/diagnostics"]
         told = subprocess.run(echo, stdout=subprocess.PIPE, text=True, check=True).stdout
-        received = re.findall(r'key: "images"\s+value: "(\d+) received', told)
-    waiting = re.findall(r'key: "images waiting for a pose"\s+value: "(\d+)"', told)
-    return int(received[-1]), int(waiting[-1])
+        values = dict(re.findall(r'key: "(.*)"\s+value: "([^"\n]*)', told))
+    return values
+
+
+def image_counts():
+    """How many images the mapper has received, and how many of them wait for their pose or cloud."""
+    values = mapper_diagnostics()
+    return int(values["images"].split()[0]), int(values["images waiting for a pose"])
 
 
 class Session:

@@ -275,64 +275,49 @@ class TextRecords {
   bool is_next_ = false;  ///< the line that was read is the next record's
 };
 
-template <class Records>
-void ReadCameras(const std::filesystem::path& folder, ColmapModelBuilder* builder) {
-  constexpr uint64_t kMinBytes = 4 + 4 + 8 + 8 + 2 * 8;
-  Records records(folder / Concat("cameras", Records::kExtension), "cameras", kMinBytes);
-  while (records.Next()) {
-    const int64_t id = records.template Integer<uint32_t>("camera id");
-    const ColmapCameraModel& model = records.CameraModel();
-    const int64_t width = records.template Integer<uint64_t>("image width");
-    const int64_t height = records.template Integer<uint64_t>("image height");
-    std::vector<double> parameters(static_cast<size_t>(model.parameters));
-    for (double& parameter : parameters) parameter = records.Real("camera parameter");
-    records.EndCamera();
-    builder->AddCamera(records.Where(), id, MakeColmapCamera(records.Where(), model, width, height, parameters));
-  }
-  if (std::string warning = records.Warning(); !warning.empty()) builder->AddWarning(std::move(warning));
-}
-
-template <class Records>
-void ReadPoints(const std::filesystem::path& folder, ColmapModelBuilder* builder) {
-  constexpr uint64_t kMinBytes = 8 + 3 * 8 + 3 + 8 + 8;
-  Records records(folder / Concat("points3D", Records::kExtension), "points", kMinBytes);
-  while (records.Next()) {
-    const int64_t id = records.template Integer<uint64_t>("point id");
-    Eigen::Vector3d point;
-    for (int i = 0; i < 3; ++i) point[i] = records.Real("point");
-    records.EndPoint();
-    builder->AddPoint(records.Where(), id, point);
-  }
-  if (std::string warning = records.Warning(); !warning.empty()) builder->AddWarning(std::move(warning));
-}
-
-template <class Records>
-void ReadImages(const std::filesystem::path& folder, ColmapModelBuilder* builder) {
-  constexpr uint64_t kMinBytes = 4 + 7 * 8 + 4 + 1 + 8;
-  Records records(folder / Concat("images", Records::kExtension), "images", kMinBytes);
-  while (records.Next()) {
-    SceneImage image;
-    const int64_t id = records.template Integer<uint32_t>("image id");
-    const std::string where = records.Where();
-    Eigen::Vector4d quaternion;
-    Eigen::Vector3d translation;
-    for (int i = 0; i < 4; ++i) quaternion[i] = records.Real("quaternion");
-    for (int i = 0; i < 3; ++i) translation[i] = records.Real("translation");
-    const int64_t camera_id = records.template Integer<uint32_t>("camera id");
-    image.name = records.ImageName();
-    image.cam_from_world = MakeColmapPose(where, quaternion, translation);
-    const std::vector<ColmapFeature> features = records.Features();
-    builder->AddImage(where, id, camera_id, std::move(image), features);
-  }
+/// Reads a file of records, one by one.
+template <class Records, class Read>
+void ReadRecords(const std::filesystem::path& folder, const char* name, const char* what, uint64_t min_bytes,
+                 ColmapModelBuilder* builder, const Read& read) {
+  Records records(folder / Concat(name, Records::kExtension), what, min_bytes);
+  while (records.Next()) read(&records);
   if (std::string warning = records.Warning(); !warning.empty()) builder->AddWarning(std::move(warning));
 }
 
 template <class Records>
 ColmapModel ReadModel(const std::filesystem::path& folder) {
   ColmapModelBuilder builder;
-  ReadCameras<Records>(folder, &builder);
-  ReadPoints<Records>(folder, &builder);
-  ReadImages<Records>(folder, &builder);
+  ReadRecords<Records>(folder, "cameras", "cameras", 4 + 4 + 8 + 8 + 2 * 8, &builder, [&](Records* records) {
+    const int64_t id = records->template Integer<uint32_t>("camera id");
+    const ColmapCameraModel& model = records->CameraModel();
+    const int64_t width = records->template Integer<uint64_t>("image width");
+    const int64_t height = records->template Integer<uint64_t>("image height");
+    std::vector<double> parameters(static_cast<size_t>(model.parameters));
+    for (double& parameter : parameters) parameter = records->Real("camera parameter");
+    records->EndCamera();
+    builder.AddCamera(records->Where(), id, MakeColmapCamera(records->Where(), model, width, height, parameters));
+  });
+  ReadRecords<Records>(folder, "points3D", "points", 8 + 3 * 8 + 3 + 8 + 8, &builder, [&](Records* records) {
+    const int64_t id = records->template Integer<uint64_t>("point id");
+    Eigen::Vector3d point;
+    for (int i = 0; i < 3; ++i) point[i] = records->Real("point");
+    records->EndPoint();
+    builder.AddPoint(records->Where(), id, point);
+  });
+  ReadRecords<Records>(folder, "images", "images", 4 + 7 * 8 + 4 + 1 + 8, &builder, [&](Records* records) {
+    SceneImage image;
+    const int64_t id = records->template Integer<uint32_t>("image id");
+    const std::string where = records->Where();
+    Eigen::Vector4d quaternion;
+    Eigen::Vector3d translation;
+    for (int i = 0; i < 4; ++i) quaternion[i] = records->Real("quaternion");
+    for (int i = 0; i < 3; ++i) translation[i] = records->Real("translation");
+    const int64_t camera_id = records->template Integer<uint32_t>("camera id");
+    image.name = records->ImageName();
+    image.cam_from_world = MakeColmapPose(where, quaternion, translation);
+    const std::vector<ColmapFeature> features = records->Features();
+    builder.AddImage(where, id, camera_id, std::move(image), features);
+  });
   return builder.Finish(folder);
 }
 

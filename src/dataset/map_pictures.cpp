@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/image/image_processing.h"
 
 namespace acmp {
 namespace {
@@ -11,36 +12,27 @@ namespace {
 constexpr double kLowQuantile = 0.02;
 constexpr double kHighQuantile = 0.98;
 
-/// Viridis: perceptually uniform, readable by colour-blind people and in print, and its dark end is not black.
-std::vector<Rgb> MakePalette() {
-  cv::Mat levels(1, 256, CV_8UC1);
-  for (int i = 0; i < 256; ++i) levels.at<unsigned char>(0, i) = static_cast<unsigned char>(i);
-  cv::Mat colors;
-  cv::applyColorMap(levels, colors, cv::COLORMAP_VIRIDIS);
-  std::vector<Rgb> palette(256);
-  for (int i = 0; i < 256; ++i) {
-    const auto& bgr = colors.at<cv::Vec3b>(0, i);
-    palette[i] = {bgr[2], bgr[1], bgr[0]};
-  }
-  return palette;
-}
-
 float Quantile(std::vector<float>* values, double share) {
   const auto nth = values->begin() + static_cast<ptrdiff_t>(std::lround(share * (values->size() - 1)));
   std::nth_element(values->begin(), nth, values->end());
   return *nth;
 }
 
-/// Colours the finite values of `map` from `low` (dark) to `high` (light); others are black.
+/// Colours the finite values of `map` from `low` (dark) to `high` (light); others are black. Viridis: perceptually
+/// uniform, readable by colour-blind people and in print, and its dark end is not black.
 ColorImage Colorize(const Image<float>& map, float low, float high) {
-  static const std::vector<Rgb> palette = MakePalette();
-  ColorImage picture(map.width(), map.height());
   const float scale = high > low ? 255.0f / (high - low) : 0.0f;
-  for (size_t i = 0; i < map.size(); ++i) {
-    const float value = map.data()[i];
-    if (!std::isfinite(value)) continue;
-    picture.data()[i] = palette[static_cast<size_t>(std::lround(Clamp((value - low) * scale, 0.0f, 255.0f)))];
-  }
+  cv::Mat levels(map.height(), map.width(), CV_8U);
+  std::transform(map.begin(), map.end(), levels.begin<unsigned char>(), [&](float value) -> unsigned char {
+    return std::isfinite(value) ? std::lround(Clamp((value - low) * scale, 0.0f, 255.0f)) : 0;
+  });
+  ColorImage picture(map.width(), map.height());
+  cv::Mat colors, rgb = AsMat(picture);
+  cv::applyColorMap(levels, colors, cv::COLORMAP_VIRIDIS);
+  cv::cvtColor(colors, rgb, cv::COLOR_BGR2RGB);
+  std::transform(map.begin(), map.end(), picture.begin(), picture.begin(), [](float value, const Rgb& color) {
+    return std::isfinite(value) ? color : Rgb{0, 0, 0};
+  });
   return picture;
 }
 

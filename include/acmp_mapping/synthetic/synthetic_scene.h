@@ -91,7 +91,6 @@ struct SyntheticView {
   Image<unsigned char> low_texture;  ///< 1 on surfaces of one colour, 0 elsewhere
   LabelImage true_labels;            ///< SyntheticLabel
   SyntheticPlace place = SyntheticPlace::kRoom;
-  double exposure = 1;         ///< factor on the light
   DepthMap shown_depth;        ///< as true_depth, of what the image shows: with what moves. Empty where nothing does
   std::optional<Frame> right;  ///< of the second camera, with the id and stamp of `frame`, without landmarks and mask
   std::optional<SyntheticWideImage> wide;  ///< of field_of_view: `frame` then looks ahead
