@@ -15,15 +15,15 @@ Exit code 2: what the file lacks.
 import argparse
 import contextlib
 import math
-import os
 import re
-import stat
 import sys
 import xml.etree.ElementTree
 
 import yaml
 
-MAX_BYTES = 1 << 20  # of a file
+import untrusted
+from untrusted import Refused, read_file
+
 PLUMB_BOB, RATIONAL, EQUIDISTANT, MEI = "plumb_bob", "rational_polynomial", "equidistant", "mei"
 DOUBLE_SPHERE, EUCM, EQUIRECTANGULAR = "double_sphere", "eucm", "equirectangular"
 # By name, in small letters and digits alone.
@@ -36,18 +36,8 @@ PINHOLES = {"pinhole": PLUMB_BOB, "perspective": PLUMB_BOB}
 AS_IT_IS = "is of camera_calibration, or a camera_info: calibration_file takes it as it is"
 
 
-class Refused(Exception):
-    """The file does not say what is needed; the text names it."""
-
-
-class Loader(yaml.SafeLoader):
-    """YAML as OpenCV writes it: tags such as !!opencv-matrix are read as what they tag. Without aliases: nine lines of them can
-    stand for a billion values."""
-
-    def compose_node(self, parent, index):
-        if self.check_event(yaml.events.AliasEvent):
-            raise yaml.YAMLError("has an alias (*name): write out what it stands for")
-        return super().compose_node(parent, index)
+class Loader(untrusted.Loader):
+    """YAML as OpenCV writes it: tags such as !!opencv-matrix are read as what they tag."""
 
 
 def untagged(loader, _suffix, node):
@@ -56,17 +46,6 @@ def untagged(loader, _suffix, node):
 
 
 Loader.add_multi_constructor("", untagged)
-
-
-def read_file(path):
-    """The bytes of a file, not of a pipe or device, which may never end."""
-    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
-        status = os.fstat(file.fileno())
-        if not stat.S_ISREG(status.st_mode):
-            raise Refused("is no file, but a pipe or a device")
-        if status.st_size > MAX_BYTES:
-            raise Refused(f"has {status.st_size} bytes: at most {MAX_BYTES}")
-        return file.read(MAX_BYTES)
 
 
 def read_text(data):

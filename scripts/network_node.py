@@ -22,7 +22,6 @@ import difflib
 import math
 import os
 import signal
-import stat
 import sys
 import threading
 import time
@@ -32,6 +31,8 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import yaml
+
+from untrusted import Loader, Refused, read_file
 
 DEPTH_KINDS, MASK_KINDS = ("depth", "inverse_depth"), ("probability", "classes")
 # Key: what it is if it is not there (REQUIRED: it must be), its type, and what it may be: the words of a text, least and
@@ -53,34 +54,10 @@ SHIPPED = [Path(__file__).resolve().parents[1] / "config/networks",
            Path(__file__).resolve().parents[2] / "share/acmp_mapping/config/networks"]
 
 
-class Refused(Exception):
-    """A file, a network or an image that cannot be used; the text says why."""
-
-
 def is_a(value, kind):
     if kind is float:
         return is_a(value, int) or isinstance(value, float) and math.isfinite(value)
     return isinstance(value, kind) and not isinstance(value, bool)
-
-
-class Loader(yaml.SafeLoader):
-    """Without aliases: nine lines of them can stand for a billion values."""
-
-    def compose_node(self, parent, index):
-        if self.check_event(yaml.events.AliasEvent):
-            raise yaml.YAMLError("has an alias (*name): write out what it stands for")
-        return super().compose_node(parent, index)
-
-
-def read_file(path, max_bytes=1 << 30):
-    """The bytes of a file, not of a pipe or device, which may never end."""
-    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
-        status = os.fstat(file.fileno())
-        if not stat.S_ISREG(status.st_mode):
-            raise Refused(f"{path}: is no file, but a pipe or a device")
-        if status.st_size > max_bytes:
-            raise Refused(f"{path}: has {status.st_size} bytes: at most {max_bytes}")
-        return file.read(max_bytes)
 
 
 def find_description(name):
@@ -98,9 +75,9 @@ class Description:
     """What a YAML file says of a network. Throws Refused where it names key, value and bound."""
 
     def __init__(self, path):
+        path = str(find_description(path))
         try:
-            path = str(find_description(path))
-            content = yaml.load(read_file(path, 1 << 20).decode("utf-8"), Loader)  # a SafeLoader
+            content = yaml.load(read_file(path).decode("utf-8"), Loader)  # a SafeLoader
         except (OSError, yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no UTF-8, too many digits
             raise Refused(f"{path}: {error}") from error
         if not isinstance(content, dict):
@@ -358,7 +335,7 @@ def run_on_folder(network, images, out):
         path = Path(out, name.with_suffix(".pfm") if network.description.is_depth else f"{name}.png")
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            rgb = decoded(read_file(Path(images, name)))
+            rgb = decoded(read_file(Path(images, name), 1 << 30))
             start = time.monotonic()
             result = network.run(rgb)
             seconds += time.monotonic() - start

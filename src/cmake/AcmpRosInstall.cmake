@@ -14,5 +14,6 @@ if(ACMP_HAVE_PYTHON)
 endif()
 install(PROGRAMS scripts/acmp_cluster.py scripts/acmp_cluster.sbatch scripts/convert_calibration.py
                  scripts/map_viewer.py scripts/network_node.py scripts/rerun_bridge.py DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+install(FILES scripts/untrusted.py DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 install(FILES nodelet_plugins.xml DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION})
 install(DIRECTORY launch config DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION})
