@@ -41,6 +41,69 @@ std::string DescribeLeftOut(const ColmapFolder& written) {
   return text;
 }
 
+using acmp_mapping::SaveMap;
+
+/// A map to be saved, and where.
+struct SaveJob {
+  const SaveMap::Request& request;
+  const std::filesystem::path path;
+  const MapStore& map;
+  const MapOutput& output;
+  const size_t memory_limit;  ///< bytes
+};
+
+/// What was saved.
+struct Written {
+  size_t points = 0, keyframes = 0;
+  std::string note = {};  ///< for the end of the answer
+};
+
+Written WriteCloud(const SaveJob& job) {
+  const MapCloud map = job.map.WorldCloud();
+  if (!map.points.empty()) ClaimMapFile(job.path);
+  const bool is_ply = job.request.format == SaveMap::Request::PLY;
+  WriteMap(job.path, map, is_ply ? MapFormat::kPly : MapFormat::kPcd, job.request.binary);
+  return {map.points.size(), map.keyframes};
+}
+
+Written WriteMesh(const SaveJob& job) {
+  const MapMesh map = MakeMapMesh(job.map, {0, job.memory_limit, [&job] { job.output.CheckStopped(); }});
+  ClaimMapFile(job.path);
+  WriteMap(job.path, map, MeshFormatOf(job.path));
+  return {map.mesh.vertices.size(), map.keyframes};
+}
+
+Written WriteOctomap(const SaveJob& job) {
+  CheckMapPath(job.path);
+  const PlacedKeyframes map = job.map.Placed();
+  const auto occupancy = MakeOccupancyMap(map, 0, job.output.LimitsOfOccupancy());
+  ClaimMapFile(job.path);
+  const size_t nodes = occupancy->Write(job.path);
+  const std::string coarse = job.output.DescribeCoarse(*occupancy, map.voxel_size);
+  const std::string note = Concat(coarse.empty() ? "" : "; ", coarse);
+  return {nodes, map.keyframes.size(), note + DescribeOrigin(map.origin, "OctoMap")};  // 16-bit keys
+}
+
+Written WriteColmap(const SaveJob& job) {
+  const PlacedKeyframes map = job.map.Placed();
+  const ColmapFolder written = WriteColmapFolder(job.path, map, [&job] { job.output.CheckStopped(); });
+  return {written.points, written.images, DescribeLeftOut(written) + DescribeOrigin(map.origin, "splats")};
+}
+
+constexpr char kVertices[] = "vertices of the mesh";
+const struct FileFormat {
+  uint8_t number;
+  const char* name;
+  const char* ending;
+  const char* what;  ///< is counted
+  Written (*write)(const SaveJob& job);
+} kFileFormats[] = {{SaveMap::Request::PLY, "PLY", ".ply", "points", &WriteCloud},
+                    {SaveMap::Request::PCD, "PCD", ".pcd", "points", &WriteCloud},
+                    {SaveMap::Request::MESH_PLY, "MESH_PLY", ".ply", kVertices, &WriteMesh},
+                    {SaveMap::Request::MESH_OBJ, "MESH_OBJ", ".obj", kVertices, &WriteMesh},
+                    {SaveMap::Request::OCTOMAP, "OCTOMAP", ".bt", "nodes of the octree", &WriteOctomap},
+                    {SaveMap::Request::COLMAP, "COLMAP", ".colmap", "points", &WriteColmap}};
+
 }  // namespace
 
 std::string LocalFrame(const std::string& world_frame, const Eigen::Vector3d& origin) {
@@ -141,64 +204,20 @@ void MapOutput::PublishIfDue() {
   points_pace_.End(rate);
 }
 
-MapOutput::Written MapOutput::WriteCloud(const std::filesystem::path& path, const SaveMap::Request& request) const {
-  const MapCloud map = map_->WorldCloud();
-  if (!map.points.empty()) ClaimMapFile(path);
-  WriteMap(path, map, request.format == SaveMap::Request::PLY ? MapFormat::kPly : MapFormat::kPcd, request.binary);
-  return {map.points.size(), map.keyframes, ""};
-}
-
-MapOutput::Written MapOutput::WriteMesh(const std::filesystem::path& path, const SaveMap::Request& /*request*/) const {
-  const MapMesh map = MakeMapMesh(*map_, {0, options_.memory_limit_bytes(), [this] { CheckStopped(); }});
-  ClaimMapFile(path);
-  WriteMap(path, map, MeshFormatOf(path));
-  return {map.mesh.vertices.size(), map.keyframes, ""};
-}
-
-MapOutput::Written MapOutput::WriteOctomap(const std::filesystem::path& path, const SaveMap::Request&) const {
-  CheckMapPath(path);
-  const PlacedKeyframes map = map_->Placed();
-  const auto occupancy = MakeOccupancyMap(map, 0, LimitsOfOccupancy());
-  ClaimMapFile(path);
-  const size_t nodes = occupancy->Write(path);
-  const std::string coarse = DescribeCoarse(*occupancy, map.voxel_size);
-  const std::string note = Concat(coarse.empty() ? "" : "; ", coarse);
-  return {nodes, map.keyframes.size(), note + DescribeOrigin(map.origin, "OctoMap")};  // 16-bit keys
-}
-
-MapOutput::Written MapOutput::WriteColmap(const std::filesystem::path& path, const SaveMap::Request&) const {
-  const PlacedKeyframes map = map_->Placed();
-  const ColmapFolder written = WriteColmapFolder(path, map, [this] { CheckStopped(); });
-  return {written.points, written.images, DescribeLeftOut(written) + DescribeOrigin(map.origin, "splats")};
-}
-
-MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) const {
-  using Request = SaveMap::Request;
-  constexpr const char* kVertices = "vertices of the mesh";
-  static const struct Format {
-    uint8_t number;
-    const char* name;
-    const char* ending;
-    const char* what;  ///< is counted
-    Written (MapOutput::*write)(const std::filesystem::path&, const Request&) const;
-  } formats[] = {{Request::PLY, "PLY", ".ply", "points", &MapOutput::WriteCloud},
-                 {Request::PCD, "PCD", ".pcd", "points", &MapOutput::WriteCloud},
-                 {Request::MESH_PLY, "MESH_PLY", ".ply", kVertices, &MapOutput::WriteMesh},
-                 {Request::MESH_OBJ, "MESH_OBJ", ".obj", kVertices, &MapOutput::WriteMesh},
-                 {Request::OCTOMAP, "OCTOMAP", ".bt", "nodes of the octree", &MapOutput::WriteOctomap},
-                 {Request::COLMAP, "COLMAP", ".colmap", "points", &MapOutput::WriteColmap}};
-  const auto format = std::find_if(std::begin(formats), std::end(formats),
-                                   [&](const Format& known) { return known.number == request.format; });
-  if (format == std::end(formats)) {
+SaveMap::Response MapOutput::Save(const SaveMap::Request& request) const {
+  const auto* const format = std::find_if(std::begin(kFileFormats), std::end(kFileFormats),
+                                          [&](const FileFormat& known) { return known.number == request.format; });
+  if (format == std::end(kFileFormats)) {
     std::string known;
-    for (const Format& other : formats) known += Concat(known.empty() ? "" : ", ", int{other.number}, " ", other.name);
+    for (const FileFormat& other : kFileFormats)
+      known += Concat(known.empty() ? "" : ", ", int{other.number}, " ", other.name);
     throw InvalidInputError(Concat("format = ", int{request.format}, ": must be one of ", known));
   }
   const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, format->ending);
   const char* replaced = std::filesystem::is_directory(path) ? ", in place of the folder of that name"
                          : std::filesystem::exists(path)     ? kReplaced
                                                              : "";
-  const Written written = (this->*format->write)(path, request);
+  const Written written = format->write({request, path, *map_, *this, options_.memory_limit_bytes()});
   SaveMap::Response response;
   response.success = true;
   response.message = Concat("saved ", written.points, " ", format->what, " of ", written.keyframes, " keyframes to ",

@@ -108,18 +108,6 @@ class MapOutput {
   acmp_mapping::SaveMap::Response Save(const acmp_mapping::SaveMap::Request& request) const;
 
  private:
-  using SaveMap = acmp_mapping::SaveMap;
-
-  /// What Save has written.
-  struct Written {
-    size_t points = 0, keyframes = 0;
-    std::string note;  ///< for the end of the answer
-  };
-  Written WriteCloud(const std::filesystem::path& path, const SaveMap::Request& request) const;
-  Written WriteMesh(const std::filesystem::path& path, const SaveMap::Request& request) const;
-  Written WriteOctomap(const std::filesystem::path& path, const SaveMap::Request& request) const;
-  Written WriteColmap(const std::filesystem::path& path, const SaveMap::Request& request) const;
-
   const MapStore* const map_;
   const MapServerOptions options_;
   const std::function<void(const RejectedInput&)> report_;
