@@ -63,12 +63,22 @@ MeshOutput::MeshOutput(ros::NodeHandle nh, const MapStore* map, const MapServerO
 
 bool MeshOutput::HasWork(bool make_again) {
   constexpr size_t kRepeatedBlocks = 4;
-  constexpr double kRepeatRate = 1;  // Hz
   if (mesh_.HasWork(make_again)) return true;
-  if (!repeat_pace_.IsTime() || mesh_.HasWork()) return false;
+  if (mesh_.HasWork() || !MayRepeat()) return false;
+  if (deleted_once_ && !deletes_) {
+    deletes_ = true;
+    mesh_.TellAll();
+    return true;
+  }
+  return mesh_.Repeat(kRepeatedBlocks);
+}
+
+bool MeshOutput::MayRepeat() {
+  constexpr double kRepeatRate = 1;  // Hz
+  if (!repeat_pace_.IsTime()) return false;
   repeat_pace_.Begin();
   repeat_pace_.End(kRepeatRate);
-  return mesh_.Repeat(kRepeatedBlocks);
+  return true;
 }
 
 void MeshOutput::PublishIfDue() {
@@ -107,10 +117,12 @@ void MeshOutput::PublishIfDue() {
 }
 
 void MeshOutput::PublishNothing() {
-  if (header_.frame_id.empty()) return;
+  if (header_.frame_id.empty() || (deleted_once_ && !MayRepeat())) return;
   auto message = boost::make_shared<MarkerArray>();
-  message->markers.push_back(MakeMarker(Marker::DELETEALL, 0, std::exchange(header_, {})));
+  message->markers.push_back(MakeMarker(Marker::DELETEALL, 0, header_));
   publisher_.publish(message);
+  if (deleted_once_) header_ = {};
+  deleted_once_ = !deleted_once_;
   mesh_.Clear();
   std::lock_guard<std::mutex> lock(statistics_mutex_);
   statistics_ = mesh_.statistics();
@@ -119,7 +131,11 @@ void MeshOutput::PublishNothing() {
 void MeshOutput::Publish(const MeshUpdate& update, std_msgs::Header header) {
   if (!update.anew && update.blocks.empty()) return;
   auto message = boost::make_shared<MarkerArray>();
-  if (update.anew && !header_.frame_id.empty()) message->markers.push_back(MakeMarker(Marker::DELETEALL, 0, header_));
+  const bool deletes = (update.anew && !header_.frame_id.empty()) || deletes_;
+  if (deletes) {
+    message->markers.push_back(MakeMarker(Marker::DELETEALL, 0, header_));
+    deleted_once_ = !std::exchange(deletes_, false);
+  }
   if (!update.blocks.empty()) {
     map_output_->EnterLocalFrame(update.origin, &header);
     header_ = header;

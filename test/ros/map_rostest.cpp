@@ -366,6 +366,11 @@ TEST_F(MapTest, E_ResetForgetsCorrectionsAndEmptiesWhatIsLatched) {
   Recorder<nav_msgs::OccupancyGrid> occupancy(session().mapper.nh, "occupancy");
   EXPECT_TRUE(occupancy.WaitForNewest([](const auto& newest) { return newest.data.empty(); }));
   EXPECT_TRUE(session().mesh->WaitUntil([](const auto& messages) { return MarkersOf(messages).empty(); }));
+  EXPECT_TRUE(session().mesh->WaitUntil([](const auto& messages) {
+    return std::all_of(messages.end() - 2, messages.end(), [](const auto& message) {
+      return message->markers[0].action == visualization_msgs::Marker::DELETEALL;
+    });
+  })) << "once more, for who has lost it";
 }
 
 /// Of a world whose z points forward heights tell nothing, though something of the map lies between them.

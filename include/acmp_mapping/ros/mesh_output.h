@@ -35,6 +35,8 @@ class MeshOutput {
   bool HasWork(bool make_again);
   void Publish(const MeshUpdate& update, std_msgs::Header header);
   void PublishNothing();
+  /// Whether it is time to tell again what was told once.
+  bool MayRepeat();
 
   const MapServerOptions options_;
   MapOutput* const map_output_;
@@ -44,6 +46,8 @@ class MeshOutput {
   PublishPace pace_, again_pace_, repeat_pace_;
   std_msgs::Header header_;  ///< of the last blocks; no frame: none were published
   bool is_new_listener_ = false;
+  bool deleted_once_ = false;  ///< all markers have been deleted, which is to be told once more
+  bool deletes_ = false;       ///< the next message does so
   mutable std::mutex statistics_mutex_;
   LiveMeshStatistics statistics_;  ///< guarded by it
   ros::Publisher publisher_;       ///< last: its callbacks use what is above
