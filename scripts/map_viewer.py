@@ -50,6 +50,12 @@ def position(pose):
     return np.array([pose.position.x, pose.position.y, pose.position.z])
 
 
+def fields_of(cloud, *names):
+    """N x number of names, of a PointCloud2 whose fields are all float32."""
+    values = np.frombuffer(cloud.data, "<f4").reshape(-1, cloud.point_step // 4)
+    return values[:, [next(field.offset for field in cloud.fields if field.name == name) // 4 for name in names]]
+
+
 def transform(header, child, translation, quaternion):
     return TransformStamped(header, child, Transform(Vector3(*translation), quaternion))
 
@@ -109,7 +115,7 @@ class Viewer:
     def __init__(self, options):
         self.options, self.lock = options, threading.Lock()
         self.newest, self.rotations, self.depths, self.up = None, deque(maxlen=100), deque(maxlen=5), None
-        self.info = self.picture = self.rviz = None
+        self.info = self.picture = self.rviz = self.map = None
         self.camera, self.target, self.upright = (frame_name(rospy.get_namespace(), name)
                                                   for name in ("camera", "view", "upright"))
         self.tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
@@ -141,14 +147,19 @@ class Viewer:
     def on_points(self, message):
         if message.width * message.height == 0 or self.newest is None:
             return
-        values = np.frombuffer(message.data, "<f4").reshape(-1, message.point_step // 4)  # all fields are float32
-        offset = next(field.offset for field in message.fields if field.name == "z")
-        self.depths.append(float(np.median(values[:, offset // 4])))
+        self.depths.append(float(np.median(fields_of(message, "z"))))
         if not self.rviz and len(self.depths) >= FIRST_KEYFRAMES:
             self.start()
 
     def on_map(self, message):
-        if not self.rviz and self.depths and message.width * message.height:
+        """Starts with a map that is there already, also where no more keyframes come, as after a recording."""
+        self.map = message
+        if self.rviz or self.newest is None or not message.width * message.height:
+            return
+        if not self.depths and message.header.frame_id == self.newest.header.frame_id:
+            depths = (fields_of(message, "x", "y", "z") - position(self.newest.pose)) @ rotation(self.newest.pose.orientation)[:, 2]
+            self.depths.extend([float(np.median(depths[depths > 0]))] if np.any(depths > 0) else [])
+        if self.depths:
             self.start()
 
     def on_info(self, message):
@@ -166,6 +177,10 @@ class Viewer:
             self.image.publish(self.picture)
 
     def on_path(self, message):
+        if self.newest is None and message.poses:  # of a map that was there before; its points are latched, too
+            self.rotations.extend(rotation(stamped.pose.orientation) for stamped in message.poses)
+            self.newest = PoseStamped(message.header, message.poses[-1].pose)
+            self.on_map(self.map or PointCloud2())
         if not self.depths or not self.info:
             return
         size = 0.05 * np.median(self.depths)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from sensor_msgs import point_cloud2
 
 SOURCE = Path(sys.argv.pop(1))
 sys.path.insert(0, str(SOURCE / "scripts"))
@@ -62,6 +63,32 @@ class Directions(unittest.TestCase):
             self.assertAlmostEqual(np.linalg.det(r), 1)
             np.testing.assert_allclose(r[:, 2], z, atol=1e-9)
         self.assertGreater(map_viewer.frame_of(np.array([1.0, 0, 0]), z)[:, 0] @ [1, 0, 0], 0.7)
+
+
+class Starts(unittest.TestCase):
+    def viewer(self):
+        viewer = map_viewer.Viewer.__new__(map_viewer.Viewer)
+        viewer.newest = viewer.rviz = viewer.info = viewer.map = None
+        viewer.rotations, viewer.depths, viewer.started = [], [], []
+        viewer.start = lambda: viewer.started.append(viewer.depths[0])
+        return viewer
+
+    def test_with_a_map_after_the_last_keyframe(self):
+        """A recording has ended: what is latched comes, in any order."""
+        pose = map_viewer.PoseStamped()
+        pose.pose.position.z, pose.pose.orientation.w = 10, 1  # it looks along z
+        path = map_viewer.PathMessage(poses=[pose])
+        cloud = point_cloud2.create_cloud_xyz32(path.header, [(0, 0, 5), (0, 0, 12), (1, 0, 13), (0, 1, 14)])
+        for first, second in (("on_map", "on_path"), ("on_path", "on_map")):
+            viewer = self.viewer()
+            for callback in (first, second):
+                self.assertEqual(viewer.started, [])
+                getattr(viewer, callback)(cloud if callback == "on_map" else path)
+            self.assertEqual(viewer.started, [3], "the median of what lies before the camera")
+        viewer = self.viewer()
+        viewer.on_path(path)
+        viewer.on_map(point_cloud2.create_cloud_xyz32(path.header, []))
+        self.assertEqual(viewer.started, [])
 
 
 class Settings(unittest.TestCase):
