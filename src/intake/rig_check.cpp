@@ -43,23 +43,13 @@ std::optional<RigidTransform> FitPlace(const RigMatches& matches) {
   const cv::Mat essential = cv::findEssentialMat(rays, other_rays, cv::Mat::eye(3, 3, CV_64F), cv::RANSAC, kSure,
                                                  NearLine(matches.focal_length) / matches.focal_length);
   if (essential.rows != 3 || essential.cols != 3) return std::nullopt;
-  cv::Mat rotations[2], shift;
-  cv::decomposeEssentialMat(essential, rotations[0], rotations[1], shift);
-  std::optional<RigidTransform> best;
-  double most = 0;
-  for (const cv::Mat& rotation : rotations) {
-    for (const double sign : {1.0, -1.0}) {
-      Eigen::Matrix3d linear;
-      Eigen::Vector3d translation;
-      cv::cv2eigen(rotation, linear);
-      cv::cv2eigen(shift, translation);
-      RigidTransform place(linear);
-      place.translation() = sign * translation;
-      const double share = ShareThatFits(matches, place);
-      if (share > most) most = share, best = place;
-    }
-  }
-  return best;
+  cv::Mat rotation, shift;
+  cv::recoverPose(essential, rays, other_rays, cv::Mat::eye(3, 3, CV_64F), rotation, shift);
+  Eigen::Matrix3d linear;
+  Eigen::Vector3d translation;
+  cv::cv2eigen(rotation, linear);
+  cv::cv2eigen(shift, translation);
+  return Eigen::Translation3d(translation) * RigidTransform(linear);
 }
 
 double DegreesBetween(const RigidTransform& a, const RigidTransform& b) {

@@ -60,16 +60,10 @@ class SightingCost : public ceres::SizedCostFunction<2, kPoseSize, kPoseSize, 1,
     const Eigen::Vector3d moved = view * (anchor_centre - centre);
     const Eigen::Vector3d y = turn * ray + inverse_depth * moved;
     if (!(y.z() > kMinDepthRatio)) return false;
-    const double inverse_z = 1 / y.z();
-    const Eigen::Vector2d predicted(camera_.fx * y.x() * inverse_z + camera_.cx,
-                                    camera_.fy * y.y() * inverse_z + camera_.cy);
     Eigen::Map<Eigen::Vector2d> r(residuals);
-    r = weight_ * (predicted + errors_ * camera_errors - pixel_);
+    r = weight_ * (camera_.Project(y) + errors_ * camera_errors - pixel_);
     if (!jacobians) return true;
-    Eigen::Matrix<double, 2, 3> j;
-    j << camera_.fx * inverse_z, 0, -camera_.fx * y.x() * inverse_z * inverse_z, 0, camera_.fy * inverse_z,
-        -camera_.fy * y.y() * inverse_z * inverse_z;
-    j *= weight_;
+    const Eigen::Matrix<double, 2, 3> j = weight_ * ProjectionJacobian(camera_, y);
     using PoseJacobian = Eigen::Map<Eigen::Matrix<double, 2, kPoseSize, Eigen::RowMajor>>;
     if (jacobians[0]) {
       PoseJacobian a(jacobians[0]);
