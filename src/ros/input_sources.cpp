@@ -78,11 +78,11 @@ std::string CompressedTopic(const InputTopics& topics, const std::string& image)
   return WithoutCompressed(topics.resolve(image)) + names::kCompressed;
 }
 
-/// What makes the mapper take a topic of this type; empty: nothing does. The names of arguments and parameters are
-/// those of our launch files.
-std::string HowToTake(Kind kind, const std::string& type, const std::string& topic) {
+/// What makes the mapper take a topic of this type for an input; empty: nothing does. The names of arguments and
+/// parameters are those of our launch files.
+std::string HowToTake(const InputStatus& input, const std::string& type, const std::string& topic) {
   for (const PoseInput& pose : PoseInputs()) {
-    if (kind == Kind::kPose && type == pose.type)
+    if (input.kind == Kind::kPose && type == pose.type)
       return Concat("set pose_source:=", pose.name, " ", pose.name, ":=", topic);
   }
   const struct {
@@ -93,17 +93,17 @@ std::string HowToTake(Kind kind, const std::string& type, const std::string& top
               {Kind::kCloud, TypeOf<sensor_msgs::PointCloud>(), "sparse_points_v1:="},
               {Kind::kImage, TypeOf<sensor_msgs::Image>(), "image_transport:=raw image:="}};
   for (const auto& way : ways) {
-    if (kind == way.kind && type == way.type) return Concat("set ", way.arguments, topic);
+    if (input.kind == way.kind && type == way.type) return Concat("set ", way.arguments, topic);
   }
   if (type != TypeOf<sensor_msgs::CompressedImage>()) return "";
-  if (const CompanionRow* companion = CompanionRowOf(kind)) {
-    const bool is_depth = boost::algorithm::ends_with(topic, kCompressedDepth);
+  const bool is_depth = boost::algorithm::ends_with(topic, kCompressedDepth);
+  if (CompanionRowOf(input.kind)) {
     return Concat(
         "it must be raw: rosrun image_transport republish ", is_depth ? "compressedDepth" : "compressed",
         " in:=", is_depth ? topic.substr(0, topic.size() - std::strlen(kCompressedDepth)) : WithoutCompressed(topic),
-        " raw out:=/raw, and ", companion->name, ":=/raw");
+        " raw out:=/raw, and ", input.name, ":=/raw");
   }
-  if (kind != Kind::kImage || boost::algorithm::ends_with(topic, kCompressedDepth)) return "";
+  if (input.kind != Kind::kImage || is_depth) return "";
   const std::string image = WithoutCompressed(topic);
   return image != topic ? Concat("set image_transport:=compressed image:=", image)
                         : Concat("set image_transport:=compressed and remap image/compressed to ", topic);
@@ -111,21 +111,9 @@ std::string HowToTake(Kind kind, const std::string& type, const std::string& top
 
 /// What takes a topic that could be meant by a silent input; empty: it could not.
 std::string HowToTakeInstead(const InputStatus& input, const std::string& type, const std::string& topic) {
-  std::string how = HowToTake(input.kind, type, topic);
-  if (!how.empty() || type != input.type) return how;
-  const struct {
-    Kind kind;
-    const char* argument;
-  } arguments[] = {{Kind::kCameraInfo, names::kCameraInfo},
-                   {Kind::kKeyframe, names::kKeyframe},
-                   {Kind::kExtrinsic, names::kExtrinsic},
-                   {Kind::kSourceImage, names::kSourceImages[input.camera]},
-                   {Kind::kSourceInfo, names::kSourceCameraInfos[input.camera]}};
-  if (const CompanionRow* companion = CompanionRowOf(input.kind)) return Concat("set ", companion->name, ":=", topic);
-  for (const auto& [kind, argument] : arguments) {
-    if (input.kind == kind) return Concat("set ", argument, ":=", topic);
-  }
-  return "";
+  const std::string how = HowToTake(input, type, topic);
+  const bool is_told = !how.empty() || input.kind == Kind::kImage || input.kind == Kind::kPose;
+  return is_told || type != input.type ? how : Concat("set ", input.name, ":=", topic);
 }
 
 /// What is published and could be meant by an input of this name that nobody publishes.
@@ -148,7 +136,7 @@ std::string OthersLike(const InputStatus& input, const std::map<std::string, std
 std::string AdviceOn(const InputStatus& input, const std::map<std::string, std::string>& published) {
   const auto found = published.find(input.topic);
   if (found != published.end() && found->second != input.type) {
-    const std::string how = HowToTake(input.kind, found->second, input.topic);
+    const std::string how = HowToTake(input, found->second, input.topic);
     return Concat("it is published as ", found->second, ", and must be ", input.type, how.empty() ? "" : ": " + how);
   }
   if (found != published.end()) return "";
@@ -201,6 +189,7 @@ bool IsOutput(const std::string& name) {
                                     names::kMapLabels,
                                     names::kOccupancy,
                                     names::kMesh,
+                                    names::kDistanceSlice,
                                     names::kKeyframePose,
                                     names::kKeyframePath,
                                     names::kKeyframeDepth,
@@ -270,11 +259,10 @@ class SourceFactory {
     for (const auto& source : sources_) {
       const InputStatus status = source->status();
       if (status.kind != Kind::kImage && status.kind != Kind::kSourceImage) continue;
-      const std::string name = status.kind == Kind::kImage ? names::kImage : names::kSourceImages[status.camera];
-      const auto [other, is_new] = cameras.emplace(status.topic, name);
+      const auto [other, is_new] = cameras.emplace(status.topic, status.name);
       if (is_new) continue;
       throw InvalidInputError(
-          Concat("the topics ", other->second, " and ", name, " are both ", status.topic,
+          Concat("the topics ", other->second, " and ", status.name, " are both ", status.topic,
                  ": each camera must have its own (~source_cameras = ", options_.matcher.source_cameras, ")"));
     }
   }
@@ -288,7 +276,7 @@ class SourceFactory {
     InputSource& source = *sources_.emplace_back(std::make_unique<InputSource>());
     source.fixed.kind = stream.kind;
     if (stream.topic.empty()) stream.topic = stream.name;
-    source.name = stream.name;
+    source.fixed.name = stream.name;
     source.fixed.topic = topics_.resolve(stream.topic);
     source.fixed.is_named = IsNamed(topics_, stream.name);
     source.fixed.required = stream.required;
@@ -397,11 +385,11 @@ void Subscribe(const ros::NodeHandle& nh, const InputSources* sources) {
     try {
       source->subscriber = source->subscribe(nh);
     } catch (const ros::ConflictingSubscriptionException&) {
-      throw InvalidInputError(Concat(
-          "the input ", source->name, " (", input.type, ") is ", input.topic, ", to which ",
-          is_new ? "another nodelet of this process subscribes with another type"
-                 : Concat("the input ", other->second->name, " (", other->second->fixed.type, ") subscribes, too"),
-          ": each must have the topic of its own type"));
+      throw InvalidInputError(Concat("the input ", input.name, " (", input.type, ") is ", input.topic, ", to which ",
+                                     is_new ? "another nodelet of this process subscribes with another type"
+                                            : Concat("the input ", other->second->fixed.name, " (",
+                                                     other->second->fixed.type, ") subscribes, too"),
+                                     ": each must have the topic of its own type"));
     }
   }
 }

@@ -1,6 +1,7 @@
 // What /diagnostics and the log say, of snapshots; what is counted and told of incidents.
 
 #include "acmp_mapping/ros/diagnostics.h"
+#include "support/error_text.h"
 
 #include <functional>
 
@@ -13,9 +14,6 @@ namespace {
 using Kind = InputStatus::Kind;
 using diagnostic_msgs::DiagnosticStatus;
 using diagnostic_updater::DiagnosticStatusWrapper;
-using ::testing::AllOf;
-using ::testing::HasSubstr;
-using ::testing::Not;
 
 template <class Snapshot>
 DiagnosticStatusWrapper Describe(void (*describer)(const Snapshot&, DiagnosticStatusWrapper*),
@@ -155,7 +153,7 @@ TEST(MapperDiagnostics, NameMissingInputsInTheLog) {
   snapshot.inputs[0].last_received_s = 88;
   snapshot.inputs[2].last_received_s = 90;  // the frontend has stopped, the camera info goes on
   EXPECT_THAT(DescribeMissing(snapshot),
-              AllOf(HasSubstr("nothing yet on /cam/image for 12 s"), HasSubstr("; nothing on /slam/pose for 10 s")));
+              HasAll("nothing yet on /cam/image for 12 s", "; nothing on /slam/pose for 10 s"));
   snapshot.paused = true;
   EXPECT_EQ(DescribeMissing(snapshot), "");
   snapshot = HealthyMapper();
@@ -219,7 +217,8 @@ TEST(MapperDiagnostics, WhatIsPublishedAndLooksLikeAMisspelledNameIsNamed) {
       {Kind::kPriorDepth, "/somewhere/else/entirely", "sensor_msgs/Image", "nobody publishes it: check"}};
   for (const auto& [kind, topic, type, word] : cases) {
     MapperSnapshot snapshot = HealthyMapper();
-    snapshot.inputs = {{kind, topic, 0, 0, 60, false, type, "", 0, true}};
+    const char* name = kind == Kind::kMask ? "mask" : "camera_info";
+    snapshot.inputs = {{kind, topic, 0, 0, 60, false, type, "", 0, true, name}};
     AddAdvice(published, &snapshot.inputs);
     EXPECT_THAT(DescribeMissing(snapshot), HasSubstr(word));
   }
@@ -245,6 +244,7 @@ TEST(MapperDiagnostics, OutputsOfMappersAreNoAdvice) {
                                                   {"/acmp_2/face_left/rgb/image_rect_color", "sensor_msgs/Image"},
                                                   {"/acmp_2/rgb/camera_info", "sensor_msgs/CameraInfo"},
                                                   {"/acmp_2/points", "sensor_msgs/PointCloud2"},
+                                                  {"/maps/distance_slice", "sensor_msgs/PointCloud2"},
                                                   {"/maps/map_points", "sensor_msgs/PointCloud2"},
                                                   {"/maps/keyframe_path", "nav_msgs/Path"}};
   MapperSnapshot snapshot = HealthyMapper();
@@ -279,9 +279,8 @@ TEST(MapperDiagnostics, OutputsOfMappersAreNoAdvice) {
 TEST(MapperDiagnostics, SayHowFarImagesAreFromPoses) {
   MapperSnapshot snapshot = HealthyMapper();
   snapshot.pose_use = {10, 20, 3, 12500000};
-  EXPECT_THAT(
-      ValueOf(Describe(&DescribeMatching, snapshot), "stamps of images and poses"),
-      AllOf(HasSubstr("10 images have"), HasSubstr("20 one between"), HasSubstr("12.5 ms"), HasSubstr("~sync_tol")));
+  EXPECT_THAT(ValueOf(Describe(&DescribeMatching, snapshot), "stamps of images and poses"),
+              HasAll("10 images have", "20 one between", "12.5 ms", "~sync_tol"));
 }
 
 TEST(MapperDiagnostics, DropsAreCountedByReason) {
@@ -297,17 +296,16 @@ TEST(MapperDiagnostics, DistortionThatNobodyToldIsNamed) {
   LensDistortion none, some;
   some.model = LensDistortion::Model::kBrownConrady;
   EXPECT_EQ(DescribeDistortion(5, 640, none), "");
-  EXPECT_THAT(DescribeDistortion(-15.24, 640, none), AllOf(HasSubstr("15.2 px of 640 too far in"), HasSubstr("D of")));
-  EXPECT_THAT(DescribeDistortion(15, 640, some), AllOf(HasSubstr("too far out"), HasSubstr("~rectified")));
+  EXPECT_THAT(DescribeDistortion(-15.24, 640, none), HasAll("15.2 px of 640 too far in", "D of"));
+  EXPECT_THAT(DescribeDistortion(15, 640, some), HasAll("too far out", "~rectified"));
 }
 
 TEST(MapperDiagnostics, DistortionThatACalibrationLeavesIsToldWithItsCoefficients) {
   CameraCalibration calibration;
   calibration.camera = {640, 480, 500, 500, 319.5, 239.5};  // the corner lies 399.4 px or 0.799 from the middle
   EXPECT_EQ(DescribeCameraErrors({0.001, 0, 0.01}, calibration), "");
-  EXPECT_THAT(
-      DescribeCameraErrors({0.01, 0, 0.0104}, calibration),
-      AllOf(HasSubstr("2.5 px of 640"), HasSubstr("10 ms"), HasSubstr("[0.01, 0, 0, 0, 0]"), HasSubstr("plumb_bob")));
+  EXPECT_THAT(DescribeCameraErrors({0.01, 0, 0.0104}, calibration),
+              HasAll("2.5 px of 640", "10 ms", "[0.01, 0, 0, 0, 0]", "plumb_bob"));
   calibration.distortion = {LensDistortion::Model::kBrownConrady, {-0.2, 0, 0, 0, 0}};
   EXPECT_THAT(DescribeCameraErrors({0.01, 0, 0}, calibration), HasSubstr("[-0.1"));
 }

@@ -41,6 +41,7 @@ struct InputStatus {
   std::string advice = {};     ///< what to set, where something like it is published; else empty
   size_t camera = 0;           ///< of kSourceImage and kSourceInfo, from 0
   bool is_named = false;       ///< by the user: it is not where it is by default
+  std::string name = {};       ///< before it is resolved, and of the launch file's argument
 
   /// Whether the user has asked for it, and wants to know when nothing comes.
   bool is_wanted() const {
@@ -61,7 +62,6 @@ void AddAdvice(const std::map<std::string, std::string>& published, std::vector<
 struct InputSource {
   InputStatus status() const;
 
-  std::string name;   ///< before it is resolved
   InputStatus fixed;  ///< what of the status does not change
   std::function<ros::Subscriber(const ros::NodeHandle&)> subscribe;
   std::function<void(const rosbag::MessageInstance&)> play;  ///< takes a recorded message, of any type
