@@ -2,7 +2,6 @@
 
 #include <cmath>
 
-#include <sensor_msgs/image_encodings.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 #include <tf2_eigen/tf2_eigen.h>
 
@@ -51,8 +50,8 @@ class BagRecorder {
     const geometry_msgs::PoseStamped pose = ToPoseStamped(image.cam_from_world, in_world);
     writer_.Write(kImageTopic, stamp, *ToColorMessage(image.pixels, in_camera));
     if (image.right) AddRight(image, stamp);
-    if (!image.mask.empty()) writer_.Write(kMaskTopic, stamp, ToMono8Message(image.mask, in_camera));
-    if (image.labels) writer_.Write(kLabelTopic, stamp, ToMono8Message(*image.labels, in_camera));
+    if (!image.mask.empty()) writer_.Write(kMaskTopic, stamp, *ToMono8Message(image.mask, in_camera));
+    if (image.labels) writer_.Write(kLabelTopic, stamp, *ToMono8Message(*image.labels, in_camera));
     writer_.Write(kCameraInfoTopic, stamp, ToCameraInfo(image.camera, image.distortion, in_camera));
     writer_.Write(kTfTopic, stamp, ToTf(pose, kCameraFrame));
     if (image.landmarks_in_world) {
@@ -142,17 +141,6 @@ RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const 
   return recorder.Finish();
 }
 
-sensor_msgs::Image ToMono8Message(const Image<unsigned char>& image, const std_msgs::Header& header) {
-  sensor_msgs::Image message;
-  message.header = header;
-  message.width = static_cast<uint32_t>(image.width());
-  message.height = static_cast<uint32_t>(image.height());
-  message.encoding = sensor_msgs::image_encodings::MONO8;
-  message.step = message.width;
-  message.data.assign(image.data(), image.data() + image.size());
-  return message;
-}
-
 sensor_msgs::CameraInfo ToCameraInfo(const PinholeCamera& camera, const LensDistortion& distortion,
                                      const std_msgs::Header& header) {
   const LensModel& model = LensModelOf(distortion.model);
@@ -168,23 +156,18 @@ sensor_msgs::CameraInfo ToCameraInfo(const PinholeCamera& camera, const LensDist
 }
 
 geometry_msgs::PoseStamped ToPoseStamped(const RigidTransform& cam_from_world, const std_msgs::Header& header) {
-  const RigidTransform world_from_cam = cam_from_world.inverse(Eigen::Isometry);
-  const Eigen::Quaterniond rotation = Eigen::Quaterniond(world_from_cam.linear()).normalized();
   geometry_msgs::PoseStamped message;
   message.header = header;
-  message.pose.position = tf2::toMsg(Eigen::Vector3d(world_from_cam.translation()));
-  message.pose.orientation = tf2::toMsg(rotation);
+  message.pose = tf2::toMsg(RigidTransform(cam_from_world.inverse()));
   return message;
 }
 
 tf2_msgs::TFMessage ToTf(const geometry_msgs::PoseStamped& world_from_cam, const std::string& camera_frame) {
-  geometry_msgs::TransformStamped transform;
+  RigidTransform pose;
+  tf2::fromMsg(world_from_cam.pose, pose);
+  geometry_msgs::TransformStamped transform = tf2::eigenToTransform(pose);
   transform.header = world_from_cam.header;
   transform.child_frame_id = camera_frame;
-  transform.transform.translation.x = world_from_cam.pose.position.x;
-  transform.transform.translation.y = world_from_cam.pose.position.y;
-  transform.transform.translation.z = world_from_cam.pose.position.z;
-  transform.transform.rotation = world_from_cam.pose.orientation;
   tf2_msgs::TFMessage message;
   message.transforms.push_back(transform);
   return message;

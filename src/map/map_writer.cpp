@@ -41,9 +41,9 @@ void CheckName(const fs::path& path, const fs::path& home) {
 
 bool IsWide(const MapCloud& map) { return !map.origin.isZero(0); }
 
+/// @param labels HasLabels of the map
 /// @param rgb type of the colours
-std::string PcdHeader(const MapCloud& map, const char* rgb, const char* data) {
-  const bool labels = HasLabels(map.points);
+std::string PcdHeader(const MapCloud& map, bool labels, const char* rgb, const char* data) {
   std::string fields;
   for (const char* field : kPackedFields) fields += Concat(" ", field);
   const auto with_label = [&](const char* value) { return labels ? Concat(" ", value) : ""; };
@@ -56,9 +56,9 @@ std::string PcdHeader(const MapCloud& map, const char* rgb, const char* data) {
 /// Colours are whole numbers here, as PCL writes them.
 void WriteAsciiPcd(const fs::path& path, const MapCloud& map) {
   AtomicFile file(path, Durability::kPowerCut);
-  file.Write(PcdHeader(map, "U", "ascii"));
-  const int digits = TextDigits(map.origin);
   const bool labels = HasLabels(map.points);
+  file.Write(PcdHeader(map, labels, "U", "ascii"));
+  const int digits = TextDigits(map.origin);
   for (const SurfacePoint& p : map.points) {
     const unsigned rgb = (unsigned{p.color.r} << 16) | (unsigned{p.color.g} << 8) | p.color.b;
     const Eigen::Vector3d position = InWorld(map.origin, p.position);
@@ -72,9 +72,9 @@ void WriteAsciiPcd(const fs::path& path, const MapCloud& map) {
 /// Point by point: PCL's writer would need the whole map twice more in memory, and takes 4 GB at most.
 void WriteBinaryPcd(const fs::path& path, const MapCloud& map) {
   AtomicFile file(path, Durability::kPowerCut);
-  file.Write(PcdHeader(map, "F", "binary"));
-  constexpr size_t kFloatPosition = 3 * sizeof(float);
   const bool labels = HasLabels(map.points);
+  file.Write(PcdHeader(map, labels, "F", "binary"));
+  constexpr size_t kFloatPosition = 3 * sizeof(float);
   uint8_t packed[PackedPointBytes(true)];
   for (const SurfacePoint& p : map.points) {
     PackPoints(&p, 1, labels, packed);

@@ -50,12 +50,4 @@ cv::Mat ImageDecoder::DecodeCompressed(const sensor_msgs::CompressedImage& image
   return raw_.Convert(name, eight_bits.empty() ? encoding : eight_bits, grey);
 }
 
-cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera) {
-  return ImageDecoder().Decode(image, camera);
-}
-
-void CheckImageSides(const std::string& name, const sensor_msgs::Image& image) {
-  CheckImageSides(name, image.width, image.height);
-}
-
 }  // namespace acmp

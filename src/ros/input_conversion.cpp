@@ -18,8 +18,6 @@ namespace {
 
 namespace encodings = sensor_msgs::image_encodings;
 
-constexpr int64_t kMaxImageSide = 32767;  // cv::remap, which rectifies images, has 16-bit coordinates
-
 bool IsSphere(const sensor_msgs::CameraInfo& info) {
   const LensModel* model = FindLensModel(info.distortion_model);
   return model != nullptr && model->model == LensDistortion::Model::kEquirectangular;
@@ -144,7 +142,7 @@ ImageSample ToSample(const sensor_msgs::ImageConstPtr& message, const char* what
   if (encoding == known.end()) {
     throw InvalidInputError(Concat(name, ": encoding \"", image.encoding, "\": must be ", expected));
   }
-  CheckImageSides(name, image);
+  CheckImageSides(name, image.width, image.height);
   CheckBytes(name, image, encoding->second);
   return {ToStampNs(image.header.stamp), std::make_shared<const EncodedImage>(EncodedImage{message, nullptr})};
 }
@@ -274,14 +272,9 @@ CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectif
                                    ", ", info.roi.y_offset, "): must lie in ", info.width, "x", info.height));
   }
   const int64_t width = full_width / binning_x, height = full_height / binning_y;
-  if (width > kMaxImageSide || height > kMaxImageSide) {
-    throw InvalidInputError(
-        Concat("camera_info of ", width, "x", height, " pixels: must be at most ", kMaxImageSide, " a side"));
-  }
-  if (width < 1 || height < 1) {
-    throw InvalidInputError(Concat("camera_info of ", full_width, "x", full_height, " pixels with binning ", binning_x,
-                                   " and ", binning_y, ": a pixel must be left"));
-  }
+  CheckImageSides(
+      Concat("camera_info of ", full_width, "x", full_height, " pixels with binning ", binning_x, " and ", binning_y),
+      static_cast<uint32_t>(width), static_cast<uint32_t>(height));
   CameraCalibration calibration;
   // A binned pixel u covers the full pixels b u .. b u + b - 1, hence the half pixels.
   calibration.camera.width = static_cast<int>(width);

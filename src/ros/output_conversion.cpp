@@ -16,9 +16,11 @@
 namespace acmp {
 namespace {
 
+namespace encodings = sensor_msgs::image_encodings;
+
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-sensor_msgs::ImagePtr MakeImageMessage(int width, int height, const char* encoding, size_t pixel_bytes,
+sensor_msgs::ImagePtr MakeImageMessage(int width, int height, const std::string& encoding, size_t pixel_bytes,
                                        const std_msgs::Header& header) {
   auto message = boost::make_shared<sensor_msgs::Image>();
   message->header = header;
@@ -27,6 +29,13 @@ sensor_msgs::ImagePtr MakeImageMessage(int width, int height, const char* encodi
   message->encoding = encoding;
   message->step = static_cast<uint32_t>(width * pixel_bytes);
   message->data.resize(static_cast<size_t>(message->step) * message->height);
+  return message;
+}
+
+template <class Pixel>
+sensor_msgs::ImagePtr Copied(const Image<Pixel>& image, const std::string& encoding, const std_msgs::Header& header) {
+  auto message = MakeImageMessage(image.width(), image.height(), encoding, sizeof(Pixel), header);
+  std::memcpy(message->data.data(), image.data(), message->data.size());
   return message;
 }
 
@@ -46,8 +55,8 @@ sensor_msgs::ImagePtr ToDepthMessage(const DepthMap& depth, ImageView<const unsi
 
 sensor_msgs::ImagePtr ToDepthMillimetres(const sensor_msgs::Image& depth_32fc1) {
   sensor_msgs::ImagePtr message =
-      MakeImageMessage(static_cast<int>(depth_32fc1.width), static_cast<int>(depth_32fc1.height),
-                       sensor_msgs::image_encodings::TYPE_16UC1.c_str(), sizeof(uint16_t), depth_32fc1.header);
+      MakeImageMessage(static_cast<int>(depth_32fc1.width), static_cast<int>(depth_32fc1.height), encodings::TYPE_16UC1,
+                       sizeof(uint16_t), depth_32fc1.header);
   const float* metres = reinterpret_cast<const float*>(depth_32fc1.data.data());
   uint16_t* millimetres = reinterpret_cast<uint16_t*>(message->data.data());
   for (size_t i = 0; i < message->data.size() / sizeof(uint16_t); ++i) {
@@ -58,17 +67,13 @@ sensor_msgs::ImagePtr ToDepthMillimetres(const sensor_msgs::Image& depth_32fc1) 
 }
 
 sensor_msgs::ImagePtr ToFloatMessage(const Image<float>& map, const std_msgs::Header& header) {
-  auto message = MakeImageMessage(map.width(), map.height(), sensor_msgs::image_encodings::TYPE_32FC1.c_str(),
-                                  sizeof(float), header);
-  std::memcpy(message->data.data(), map.data(), message->data.size());
-  return message;
+  return Copied(map, encodings::TYPE_32FC1, header);
 }
 
 sensor_msgs::ImagePtr ToNormalMessage(const NormalMap& normal, ImageView<const unsigned char> keep,
                                       const std_msgs::Header& header) {
   static_assert(sizeof(Vec3f) == 3 * sizeof(float), "pixels of 32FC3");
-  auto message = MakeImageMessage(normal.width(), normal.height(), sensor_msgs::image_encodings::TYPE_32FC3.c_str(),
-                                  sizeof(Vec3f), header);
+  auto message = MakeImageMessage(normal.width(), normal.height(), encodings::TYPE_32FC3, sizeof(Vec3f), header);
   Vec3f* target = reinterpret_cast<Vec3f*>(message->data.data());
   for (int row = 0; row < normal.height(); ++row) {
     for (int col = 0; col < normal.width(); ++col) {
@@ -82,10 +87,11 @@ sensor_msgs::ImagePtr ToNormalMessage(const NormalMap& normal, ImageView<const u
 
 sensor_msgs::ImagePtr ToColorMessage(const ColorImage& color, const std_msgs::Header& header) {
   static_assert(sizeof(Rgb) == 3, "pixels of rgb8");
-  auto message =
-      MakeImageMessage(color.width(), color.height(), sensor_msgs::image_encodings::RGB8.c_str(), sizeof(Rgb), header);
-  std::memcpy(message->data.data(), color.data(), message->data.size());
-  return message;
+  return Copied(color, encodings::RGB8, header);
+}
+
+sensor_msgs::ImagePtr ToMono8Message(const Image<unsigned char>& image, const std_msgs::Header& header) {
+  return Copied(image, encodings::MONO8, header);
 }
 
 sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_msgs::Header& header) {

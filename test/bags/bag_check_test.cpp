@@ -20,15 +20,10 @@
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dataset/test_folder.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
-
-using testing::AllOf;
-using testing::Contains;
-using testing::ElementsAre;
-using testing::HasSubstr;
-using testing::Not;
 
 constexpr int kKeyframes = 6;
 
@@ -230,7 +225,7 @@ TEST_F(CheckBagTest, ARecordingOfAnImuAndAnRgbdCamera) {
     bag->write("/tf_static", ros::Time(1000, 0), ToTf(ToPoseStamped(RigidTransform::Identity(), in_imu), "cam"));
   });
   EXPECT_TRUE(report.usable()) << testing::PrintToString(Errors(report));
-  EXPECT_THAT(Warnings(report), Contains(AllOf(HasSubstr("\"imu\""), HasSubstr("set ~pose_child: body"))));
+  EXPECT_THAT(Warnings(report), Contains(HasAll("\"imu\"", "set ~pose_child: body")));
   EXPECT_EQ(report.launch,
             "roslaunch acmp_mapping dense_mapper.launch namespace:=acmp "
             "image:=/camera/color/image_raw "
@@ -349,7 +344,7 @@ TEST_F(CheckBagTest, ASecondCameraIsASourceCameraWhenItIsAskedFor) {
   EXPECT_THAT(report.launch, HasSubstr(arguments));
   EXPECT_THAT(Messages(report, Severity::kOk), Contains(HasSubstr("source camera 1 is at (0.1")));
   report = check_with(0, asked);
-  EXPECT_THAT(Warnings(report), Contains(AllOf(HasSubstr("source_camera_unplaced"), HasSubstr("~T_cam_source"))));
+  EXPECT_THAT(Warnings(report), Contains(HasAll("source_camera_unplaced", "~T_cam_source")));
 }
 
 TEST_F(CheckBagTest, ACalibrationFileTakesThePlaceOfCameraInfo) {
@@ -390,9 +385,9 @@ TEST_F(CheckBagTest, SeveralTopicsOfAKind) {
 TEST_F(CheckBagTest, Masks) {
   const BagReport good = Check({}, {}, [&](int i, const Keyframe& keyframe, rosbag::Bag* bag) {
     const ros::Time& stamp = keyframe.image.header.stamp;
-    bag->write("/detector/labels", stamp, ToMono8Message(LabelImage(32, 24, 1), keyframe.image.header));  // no camera's
+    bag->write("/detector/labels", stamp, *ToMono8Message(LabelImage(32, 24, 1), keyframe.image.header));  // no camera's
     if (i == kKeyframes - 1) return;
-    bag->write("/detector/mask", stamp, ToMono8Message(Mask(32, 24, 255), keyframe.image.header));
+    bag->write("/detector/mask", stamp, *ToMono8Message(Mask(32, 24, 255), keyframe.image.header));
   });
   EXPECT_EQ(good.chosen.image, "/image");
   EXPECT_EQ(good.chosen.mask, "/detector/mask");

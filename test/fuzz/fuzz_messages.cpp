@@ -87,7 +87,7 @@ ACMP_FUZZ_TARGET(image_message) {
   const bool is_raw = bytes.TakeBool();
   const auto raw = is_raw ? Take<sensor_msgs::Image>(&bytes) : nullptr;
   const auto compressed = is_raw ? nullptr : Take<sensor_msgs::CompressedImage>(&bytes);
-  DecodeRgb({raw, compressed}, &kSmallCamera);
+  ImageDecoder().Decode({raw, compressed}, &kSmallCamera);
 }
 
 /// A whole Keyframe through the intake and what the worker does with its image.
@@ -104,7 +104,8 @@ ACMP_FUZZ_TARGET(keyframe) {
     if (!input) continue;
     const PinholeCamera& camera = input->calibration->camera;
     if (camera.width > kLargeSide || camera.height > kLargeSide) continue;
-    fuzz::MayRefuse([&] { Rectifier(input->calibration->MakeLens()).Rectify(DecodeRgb(*input->image, &camera)); });
+    fuzz::MayRefuse(
+        [&] { Rectifier(input->calibration->MakeLens()).Rectify(ImageDecoder().Decode(*input->image, &camera)); });
   }
 }
 

@@ -8,14 +8,10 @@
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
-
-using ::testing::AllOf;
-using ::testing::AnyOf;
-using ::testing::HasSubstr;
-using ::testing::Not;
 
 /// What is said of a pair that is declared as `change` makes it of the true transform from the left to the right
 /// camera.
@@ -82,7 +78,7 @@ TEST_F(RigCheckTest, APairThatFitsIsNotToldOf) {
 TEST_F(RigCheckTest, TheWrongSideIsNamed) {
   for (const auto* views : {&moving_, &standing_}) {
     EXPECT_THAT(Said(*views, [](const RigidTransform& truth) { return Scaled(truth, -1); }),
-                AllOf(HasSubstr("(0.11, 0, 0) of the camera"), HasSubstr("sign of P[3]"), HasSubstr("T_cam_source")));
+                HasAll("(0.11, 0, 0) of the camera", "sign of P[3]", "T_cam_source"));
   }
 }
 
@@ -91,7 +87,7 @@ TEST_F(RigCheckTest, ImagesThatAreNotRectifiedAreTold) {
     const std::string text = Said(*views, [](const RigidTransform& truth) {
       return RigidTransform(Eigen::AngleAxisd(0.07, Eigen::Vector3d(1, 0.3, 0.5).normalized())) * truth;
     });
-    EXPECT_THAT(text, AllOf(HasSubstr("rectified"), HasSubstr("turned by")));
+    EXPECT_THAT(text, HasAll("rectified", "turned by"));
     EXPECT_NEAR(std::strtod(text.c_str() + text.find("turned by ") + 10, nullptr), 0.07 * 180 / M_PI, 0.7) << text;
   }
 }

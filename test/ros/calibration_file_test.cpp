@@ -6,12 +6,10 @@
 
 #include "acmp_mapping/common/error.h"
 #include "dataset/test_folder.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
-
-using ::testing::AllOf;
-using ::testing::HasSubstr;
 
 constexpr char kConverter[] = "rosrun acmp_mapping convert_calibration.py";  // for files of other systems
 
@@ -58,9 +56,9 @@ TEST_F(CalibrationFileTest, WhatCannotBeUsedIsNamed) {
   for (const char* size : {"rows: 1000000, cols: 1000000", "rows: -1, cols: -5", "rows: 1, cols: 4"}) {
     EXPECT_THAT(RefusalOf("rows: 1, cols: 5", size), HasSubstr("5 numbers: must have at most 14 numbers")) << size;
   }
-  EXPECT_THAT(RefusalOf("camera_matrix", "cam"), AllOf(HasSubstr("camera_matrix is missing"), HasSubstr(kConverter)));
+  EXPECT_THAT(RefusalOf("camera_matrix", "cam"), HasAll("camera_matrix is missing", kConverter));
   EXPECT_THAT(RefusalOf("image_width: 64", "image_width: -64"), HasSubstr("image_width = -64"));
-  EXPECT_THAT(RefusalOf("55.42562584220407", "fx"), AllOf(HasSubstr("line 5"), HasSubstr("bad conversion")));
+  EXPECT_THAT(RefusalOf("55.42562584220407", "fx"), HasAll("line 5", "bad conversion"));
   EXPECT_THAT(RefusalOf("55.42562584220407", "-1"), HasSubstr("K[0] = -1"));
   EXPECT_THAT(RefusalOf("camera_matrix: {", "camera_matrix: [{"), HasSubstr("line"));
   EXPECT_THAT(RefusalOf(good_, ""), HasSubstr("must be a map"));
@@ -114,7 +112,7 @@ TEST_F(CalibrationFileTest, ReadsAMessageAsRostopicPrintsIt) {
   }
   const auto short_matrix = WriteText("camera.yaml", message.substr(0, message.find("R:")) + "R: [1.0]\nP: [1.0]\n");
   EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadCalibrationFile(short_matrix.string()); }),
-              AllOf(HasSubstr("R has 1 numbers"), HasSubstr("9")));
+              HasAll("R has 1 numbers", "9"));
 }
 
 }  // namespace

@@ -15,9 +15,6 @@
 namespace acmp {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::HasSubstr;
-
 /// Poses are refined by the first image of each capture: it must look the same way in all.
 TEST(FramePreparation, TheFaceAheadIsTheFirstAlsoWhereTheMaskIgnoresIt) {
   constexpr int kSize = 120;
@@ -153,10 +150,9 @@ TEST(Labels, WhatCannotBeUsedIsToldAndTheImageIsUsed) {
     EXPECT_EQ(prepared.frames.size(), 1u);
     return prepared.told.empty() ? std::string() : prepared.told.front().reason + ": " + prepared.told.front().message;
   };
-  EXPECT_THAT(told_of(LabelMessage(20, 15, [](int) { return 1; })),
-              AllOf(HasSubstr("bad_labels"), HasSubstr("20x15"), HasSubstr("40x30")));
+  EXPECT_THAT(told_of(LabelMessage(20, 15, [](int) { return 1; })), HasAll("bad_labels", "20x15", "40x30"));
   EXPECT_THAT(told_of(LabelMessage(40, 30, [](int col) { return col < 3 ? 9 : 1; })),
-              AllOf(HasSubstr("unknown_label"), HasSubstr("class: 9;"), HasSubstr("from 1 to 7")));
+              HasAll("unknown_label", "class: 9;", "from 1 to 7"));
 }
 
 TEST(LabelFile, TellsWhatIsWrong) {
@@ -175,9 +171,9 @@ TEST(LabelFile, TellsWhatIsWrong) {
                                           {"1: {name: wall}\n1: {name: floor}", "twice"},
                                           {"[1, 2]", "must be a map"},
                                           {"1: {", "labels.yaml"}}) {
-    EXPECT_THAT(refusal(text), AllOf(HasSubstr("label_file"), HasSubstr(words))) << text;
+    EXPECT_THAT(refusal(text), HasAll("label_file", words)) << text;
   }
-  EXPECT_THAT(ErrorOf([] { LabelTable("/no/such.yaml"); }), HasSubstr("there is no such file"));
+  EXPECT_REFUSED(LabelTable("/no/such.yaml"), "there is no such file");
 }
 
 TEST(LabelFile, ThatOfTheRoomHasItsClasses) {

@@ -221,7 +221,8 @@ TEST_F(InputsTest, CompressedImagesInverseFluPosesAndPointsOfTheCameraThroughThe
   for (const ViewMessages& view : Scene()) {
     sensor_msgs::CompressedImage compressed;
     cv::Mat bgr;
-    cv::cvtColor(DecodeRgb({boost::make_shared<sensor_msgs::Image>(view.image), nullptr}), bgr, cv::COLOR_RGB2BGR);
+    cv::cvtColor(ImageDecoder().Decode({boost::make_shared<sensor_msgs::Image>(view.image), nullptr}), bgr,
+                 cv::COLOR_RGB2BGR);
     cv::imencode(".png", bgr, compressed.data);
     const RigidTransform cam_from_world = ToTransform(view.pose.pose).inverse();
     std::vector<Eigen::Vector3f> points;

@@ -1,13 +1,11 @@
 #include "acmp_mapping/ros/keyframe_outputs.h"
+#include "support/error_text.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 namespace acmp {
 namespace {
-
-using testing::AllOf;
-using testing::HasSubstr;
 
 /// Refined maps of a 4x3 image with so many points, all of them in its middle.
 KeyframeOutput Refined(size_t points, double min_depth_confidence, Mask mask) {
@@ -65,7 +63,7 @@ TEST(OutputStatusTest, NamesTheCheckThatLeavesARunWithoutPoints) {
   }
   status.CountPoints(Refined(0, 0, {}));
   EXPECT_THAT(status.DescribeRunWithoutPoints(),
-              AllOf(HasSubstr("the last 3 refined keyframes"), HasSubstr("reprojection (2 px) 90 %; check ~pose_is")));
+              HasAll("the last 3 refined keyframes", "reprojection (2 px) 90 %; check ~pose_is"));
   status.CountPoints(Refined(1, 0, {}));
   EXPECT_EQ(status.run_without_points, 0u);
   EXPECT_EQ(status.no_points_reason, "");

@@ -11,9 +11,6 @@
 namespace acmp {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::HasSubstr;
-
 KeyframeOutput MakeOutput() {
   auto frame = std::make_shared<ReceivedFrame>();
   frame->id = 42;
@@ -82,8 +79,7 @@ TEST(OptimizedPath, WarnsWhenNoStampFits) {
   ReposeResult result;
   EXPECT_TRUE(DescribeDoubt(path, result, "world").message.empty()) << "there are no keyframes yet";
   result.nearest = ReposeResult::Gap{33400000, 1000000};
-  EXPECT_THAT(DescribeDoubt(path, result, "world").message,
-              AllOf(HasSubstr("none of the 4"), HasSubstr("within 1 ms"), HasSubstr("33.4 ms away")));
+  EXPECT_THAT(DescribeDoubt(path, result, "world").message, HasAll("none of the 4", "within 1 ms", "33.4 ms away"));
   result.named = 1;
   EXPECT_TRUE(DescribeDoubt(path, result, "world").message.empty());
 }
@@ -96,9 +92,8 @@ TEST(OptimizedPath, NamesWhatIsTooFarAway) {
   result.first_too_far = ReposeResult::TooFar{1500000000, {1e12, 0, -3}, {{0, 5, 0}, 1e8}};
   const RejectedInput too_far = DescribeTooFar(result);
   EXPECT_EQ(too_far.reason, "optimized_path_too_far");
-  EXPECT_THAT(too_far.message,
-              AllOf(HasSubstr("keyframes not moved by optimized_path: 2;"),
-                    HasSubstr("pose 1.500000000 to (1e+12, 0, -3)"), HasSubstr("within 1e+08 of (0, 5, 0)")));
+  EXPECT_THAT(too_far.message, HasAll("keyframes not moved by optimized_path: 2;", "pose 1.500000000 to (1e+12, 0, -3)",
+                                      "within 1e+08 of (0, 5, 0)"));
   EXPECT_TRUE(DescribeDoubt(OptimizedPath(), result, "world").message.empty()) << "the stamps fit";
 }
 

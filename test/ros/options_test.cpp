@@ -17,10 +17,6 @@
 namespace acmp {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
 using XmlRpc::XmlRpcValue;
 using Members = std::map<std::string, XmlRpcValue>;
 
@@ -60,26 +56,24 @@ std::string MapServerRefusal(const Members& members) {
 
 TEST(ParameterReader, TakesIntegersForNumbersAndNothingElseForAnotherKind) {
   EXPECT_EQ(LoadNode({{"sync_tolerance", 4}}).matcher.sync_tolerance_s, 4);
-  EXPECT_THAT(NodeRefusal({{"sync_tolerance", Word("fast")}}),
-              AllOf(HasSubstr("~sync_tolerance"), HasSubstr("fast"), HasSubstr("number")));
-  EXPECT_THAT(NodeRefusal({{"max_image_size", 2.5}}),
-              AllOf(HasSubstr("~max_image_size"), HasSubstr("2.5"), HasSubstr("integer")));
+  EXPECT_THAT(NodeRefusal({{"sync_tolerance", Word("fast")}}), HasAll("~sync_tolerance", "fast", "number"));
+  EXPECT_THAT(NodeRefusal({{"max_image_size", 2.5}}), HasAll("~max_image_size", "2.5", "integer"));
   EXPECT_THAT(NodeRefusal({{"rectified", 1}}), HasSubstr("true or false"));
   EXPECT_THAT(NodeRefusal({{"world_frame", 1}}), HasSubstr("a text"));
   EXPECT_THAT(NodeRefusal({{"T_body_cam", 1}}), HasSubstr("a list of numbers"));
-  EXPECT_THAT(NodeRefusal({{"mask_wait", 11}}), AllOf(HasSubstr("~mask_wait = 11"), HasSubstr("[0, 10] s")));
+  EXPECT_THAT(NodeRefusal({{"mask_wait", 11}}), HasAll("~mask_wait = 11", "[0, 10] s"));
 }
 
 TEST(ParameterReader, NamesTheNearestOfAnUnknownName) {
   ParameterReader reader(Struct({{"max_imagesize", 3}, {"preset", Word("online")}}));
   LoadNodeOptions(&reader);
-  EXPECT_THAT(reader.DescribeUnknown(), ElementsAre(AllOf(HasSubstr("~max_imagesize"), HasSubstr("~max_image_size"))));
+  EXPECT_THAT(reader.DescribeUnknown(), ElementsAre(HasAll("~max_imagesize", "~max_image_size")));
   reader.Allow("max_imagesize");
   EXPECT_THAT(reader.DescribeUnknown(), IsEmpty());
   ParameterReader of_another(Struct({{"voxel_size", 0.1}}));
   of_another.SetElsewhere("voxel_size", "map_server");
   LoadNodeOptions(&of_another);
-  EXPECT_THAT(of_another.DescribeUnknown(), ElementsAre(AllOf(HasSubstr("~voxel_size"), HasSubstr("map_server"))));
+  EXPECT_THAT(of_another.DescribeUnknown(), ElementsAre(HasAll("~voxel_size", "map_server")));
   // Plugins keep parameters in namespaces of their own.
   ParameterReader nested(Struct({{"depth", Struct({{"jpeg_quality", 80}})}}));
   LoadNodeOptions(&nested);
@@ -95,8 +89,7 @@ TEST(NodeOptions, ADeviceHasANumber) {
   for (const char* bad : {"gpu", "cuda:", "cuda:-1", "cuda:01", "cuda:64", "cuda:1 ", "CPU", ""}) {
     EXPECT_THAT(NodeRefusal({{"device", Word(bad)}}), HasSubstr("must be auto, cuda")) << bad;
   }
-  EXPECT_THAT(NodeRefusal({{"preset", Word("acmm")}}), AllOf(HasSubstr("acmm"), HasSubstr("online")))
-      << "it needs all images";
+  EXPECT_THAT(NodeRefusal({{"preset", Word("acmm")}}), HasAll("acmm", "online")) << "it needs all images";
 }
 
 TEST(NodeOptions, AnEmptyPresetIsBalancedOrAutoWhereACpuMustKeepUp) {
@@ -241,7 +234,7 @@ TEST(Reconfigure, EveryOptionThatMayChangeDoesAloneAndWithinItsBounds) {
     EXPECT_EQ(values(FromConfig(ToConfig(changed), start)), values(changed)) << option.name;
     if (!std::holds_alternative<int>(option.get())) continue;
     option.set(OptionValue(static_cast<int>(option.max) + 1));
-    EXPECT_THAT(ErrorOf([&] { FromConfig(ToConfig(changed), start); }), HasSubstr(option.name));
+    EXPECT_REFUSED(FromConfig(ToConfig(changed), start), option.name);
   }
 }
 

@@ -60,7 +60,7 @@ FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages) {
   const CameraCalibration calibration = ToCalibration(messages.camera_info, false);
   const RigidTransform world_from_cam = ToTransform(messages.pose.pose);
   Rectifier rectifier(calibration.MakeLens());
-  ColorImage rectified = rectifier.Rectify(DecodeRgb({image, nullptr}));
+  ColorImage rectified = rectifier.Rectify(ImageDecoder().Decode({image, nullptr}));
   return std::make_shared<const Frame>(
       MakeFrame(id, messages.image.header.stamp.toSec(), std::move(rectified), calibration.camera,
                 world_from_cam.inverse(), ToSparseCloud(messages.sparse_points).points, {}, rectifier.RectifyMask({})));

@@ -17,15 +17,13 @@
 #include "acmp_mapping/mesh/distance_volume.h"
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "ros/mapper_control.h"
+#include "support/error_text.h"
 
 namespace acmp::test::services_rostest {
 
 namespace fs = std::filesystem;
 using acmp_mapping::SaveMap;
 using dynamic_reconfigure::ConfigTools;
-using ::testing::AllOf;
-using ::testing::HasSubstr;
-using ::testing::Not;
 
 constexpr size_t kViews = 5;
 
@@ -100,7 +98,7 @@ TEST_F(ServicesTest, SaveMapSaysWhatIsNotInTheMapYet) {
   for (const ViewMessages& view : Scene()) mapper().player.Publish(view);
   ASSERT_TRUE(mapper().depth.WaitForCount(kViews - 2)) << "all but the lookahead";
   EXPECT_THAT(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).message,
-              AllOf(HasSubstr("images were still under way in /dense_mapper"), HasSubstr("flush")));
+              HasAll("images were still under way in /dense_mapper", "flush"));
   std::string flushed;
   ASSERT_TRUE(mapper().Call("flush", &flushed));
   EXPECT_THAT(flushed, HasSubstr("0 under way"));

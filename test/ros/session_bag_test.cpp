@@ -20,13 +20,10 @@
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "dataset/test_folder.h"
 #include "map/room_keyframes.h"
+#include "support/error_text.h"
 
 namespace acmp::test {
 namespace {
-
-using ::testing::AllOf;
-using ::testing::AnyOf;
-using ::testing::HasSubstr;
 
 constexpr double kVoxel = 0.02;
 constexpr size_t kViews = 4;
@@ -180,12 +177,12 @@ TEST_F(SessionBagTest, AFileThatIsCutOffAnywhereIsRefused) {
   for (size_t i = 1; i < 40; ++i) lengths.push_back(i * content.size() / 40);
   for (const size_t length : lengths) {
     const auto cut = WriteText("cut.bag", content.substr(0, length));
-    EXPECT_THAT(Refusal(cut), AllOf(HasSubstr("cut.bag"), HasSubstr("truncated, corrupt or not a bag"))) << length;
+    EXPECT_THAT(Refusal(cut), HasAll("cut.bag", "truncated, corrupt or not a bag")) << length;
   }
   // As an aborted writer leaves it: no index. `rosbag reindex` makes a bag of it that lacks keyframes.
   Rewrite([](const std::string&, const auto* keyframe) { return !keyframe || keyframe->count <= 2; });
-  EXPECT_THAT(Refusal(Path()), AllOf(HasSubstr("session.bag"), HasSubstr("has 2 of 4 keyframes"),
-                                     HasSubstr("save the session again, or take an earlier file")));
+  EXPECT_THAT(Refusal(Path()),
+              HasAll("session.bag", "has 2 of 4 keyframes", "save the session again, or take an earlier file"));
 }
 
 /// rosbag follows the index without looking: each of these would end the program, or take gigabytes.
@@ -199,9 +196,7 @@ TEST_F(SessionBagTest, AnIndexThatLiesIsRefused) {
     std::copy(bytes.begin(), bytes.end(), lying.begin() + static_cast<std::ptrdiff_t>(at + from));
     return Refusal(WriteText("lying.bag", lying));
   };
-  const auto is = [](const char* reason) {
-    return AllOf(HasSubstr("lying.bag"), HasSubstr("truncated, corrupt or not a bag"), HasSubstr(reason));
-  };
+  const auto is = [](const char* reason) { return HasAll("lying.bag", "truncated, corrupt or not a bag", reason); };
   // The last record of the index of a chunk: op=, ver=, the length of its data, time and offset of its first message.
   const std::string index("ver=\1\0\0\0", 8);
   const size_t chunk_infos = content.find("chunk_pos=");
@@ -219,7 +214,7 @@ TEST_F(SessionBagTest, AnIndexThatLiesIsRefused) {
 }
 
 TEST_F(SessionBagTest, ForeignFilesAreRefused) {
-  EXPECT_THAT(Refusal(folder() / "none.bag"), AllOf(HasSubstr("none.bag"), HasSubstr("no such file")));
+  EXPECT_THAT(Refusal(folder() / "none.bag"), HasAll("none.bag", "no such file"));
   EXPECT_THAT(Refusal(folder()), HasSubstr("is a folder"));
   EXPECT_THAT(Refusal(WriteText("map.ply", std::string(5000, 'x'))), HasSubstr("not a bag"));
   const auto refusal = [&](const char* topic, const auto& message) {
@@ -227,13 +222,13 @@ TEST_F(SessionBagTest, ForeignFilesAreRefused) {
     return Refusal(Path());
   };
   EXPECT_THAT(refusal("/depth/image_rect", sensor_msgs::Image()),
-              AllOf(HasSubstr("/session_version"), HasSubstr("not written by save_session")));
+              HasAll("/session_version", "not written by save_session"));
   std_msgs::UInt32 later;
   later.data = 7;
-  EXPECT_THAT(refusal("/session_version", later), AllOf(HasSubstr("session.bag"), HasSubstr("version 7"),
-                                                        HasSubstr("reads version 2"), HasSubstr("that saved it")));
+  EXPECT_THAT(refusal("/session_version", later),
+              HasAll("session.bag", "version 7", "reads version 2", "that saved it"));
   EXPECT_THAT(refusal("/session_version", std_msgs::Float64()),
-              AllOf(HasSubstr("/session_version is a std_msgs/Float64"), HasSubstr("std_msgs/UInt32")));
+              HasAll("/session_version is a std_msgs/Float64", "std_msgs/UInt32"));
 }
 
 TEST_F(SessionBagTest, KeyframesThatCannotBeUsedAreNamed) {
@@ -244,7 +239,7 @@ TEST_F(SessionBagTest, KeyframesThatCannotBeUsedAreNamed) {
     });
     return Refusal(Path());
   };
-  const auto is_named = AllOf(HasSubstr("session.bag"), HasSubstr("keyframe 2 of \"/acmp/dense_mapper\""));
+  const auto is_named = HasAll("session.bag", "keyframe 2 of \"/acmp/dense_mapper\"");
   EXPECT_THAT(refusal([](auto* k) { k->T_world_cam.fill(0); }), AllOf(is_named, HasSubstr("T_world_cam")));
   EXPECT_THAT(refusal([](auto* k) { k->camera_info.width = 0; }), AllOf(is_named, HasSubstr("camera_info")));
   EXPECT_THAT(refusal([](auto* k) { k->camera_info.width = k->camera_info.height = 8000; }),
@@ -252,7 +247,7 @@ TEST_F(SessionBagTest, KeyframesThatCannotBeUsedAreNamed) {
   EXPECT_THAT(refusal([](auto* k) { k->points.data.pop_back(); }), AllOf(is_named, HasSubstr("cloud")));
   EXPECT_THAT(refusal([](auto* k) { k->points.fields[3].name = "intensity"; }), AllOf(is_named, HasSubstr("cloud")));
   EXPECT_THAT(refusal([](auto* k) { k->count = 5; }), AllOf(is_named, HasSubstr("count = 5")));
-  EXPECT_THAT(refusal([](auto* k) { k->count = 4; }), AllOf(HasSubstr("count = 4"), HasSubstr("comes twice")));
+  EXPECT_THAT(refusal([](auto* k) { k->count = 4; }), HasAll("count = 4", "comes twice"));
   Rewrite([](const std::string& topic, const auto*) { return topic != "/session_voxel_size"; });
   EXPECT_THAT(Refusal(Path()), HasSubstr("0 messages on /session_voxel_size"));
 }

@@ -15,6 +15,7 @@
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "ros/mapper_control.h"
+#include "support/error_text.h"
 
 namespace acmp::test::sessions_rostest {
 
@@ -22,8 +23,6 @@ namespace fs = std::filesystem;
 using acmp_mapping::LoadSession;
 using acmp_mapping::SaveMap;
 using acmp_mapping::SaveSession;
-using ::testing::AllOf;
-using ::testing::HasSubstr;
 
 constexpr size_t kViews = 5;
 
@@ -128,7 +127,7 @@ TEST_F(SessionsTest, AKeyframeWhoseImageCannotBeKeptIsInTheMapWithoutIt) {
       {"keyframe 1 of \"/other\" is in the map without its image: image of 8 bytes is no JPEG file"}));
   EXPECT_EQ(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).keyframes, 1u);
   EXPECT_THAT(mapper().SaveMap(PathOf("map.colmap"), SaveMap::Request::COLMAP, true).message,
-              AllOf(HasSubstr("1 keyframes and no image of them"), HasSubstr("~keep_images")));
+              HasAll("1 keyframes and no image of them", "~keep_images"));
 }
 
 TEST_F(SessionsTest, FilesOfOthersAreNotReplaced) {
@@ -140,7 +139,7 @@ TEST_F(SessionsTest, FilesOfOthersAreNotReplaced) {
     std::ofstream(PathOf(name)) << "precious";
     const bool is_session = fs::path(name).extension() == ".bag";
     EXPECT_THAT(is_session ? Save(name).message : mapper().SaveMap(PathOf(name), format, true).message,
-                AllOf(HasSubstr(name), HasSubstr("was not written by this program")));
+                HasAll(name, "was not written by this program"));
     EXPECT_EQ(BytesOf(PathOf(name)), "precious");
   }
 }
@@ -179,12 +178,12 @@ TEST_F(SessionsTest, WhatCannotBeUsedIsRefusedAndTheMapStays) {
   const std::string before = MapBytes();
   const LoadSession::Response again = Load("session.bag");
   EXPECT_FALSE(again.success);
-  EXPECT_THAT(again.message, AllOf(HasSubstr(PathOf("session.bag")), HasSubstr(" of \"/dense_mapper\", run "),
-                                   HasSubstr("is in the map already"), HasSubstr("nothing was loaded")));
+  EXPECT_THAT(again.message, HasAll(PathOf("session.bag"), " of \"/dense_mapper\", run ", "is in the map already",
+                                    "nothing was loaded"));
   // Images of 64 x 48 px show too little.
   EXPECT_THAT(Load("session.bag", {}, true).message,
-              AllOf(HasSubstr("where it lies in the map is not sure"), HasSubstr("nothing was loaded")));
-  EXPECT_THAT(Load("none.bag").message, AllOf(HasSubstr("none.bag"), HasSubstr("no such file")));
+              HasAll("where it lies in the map is not sure", "nothing was loaded"));
+  EXPECT_THAT(Load("none.bag").message, HasAll("none.bag", "no such file"));
   EXPECT_THAT(Load("../../none.bag").message, HasSubstr("must lie below"));
   EXPECT_THAT(Save("../../none.bag").message, HasSubstr("must lie below"));
   EXPECT_EQ(MapBytes(), before);

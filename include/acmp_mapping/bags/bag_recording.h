@@ -61,9 +61,6 @@ RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const 
 
 // Messages of a recorded bag from the core's types. Headers are the caller's.
 
-/// mono8: a mask (0 = ignore) or labels (0 = unknown).
-sensor_msgs::Image ToMono8Message(const Image<unsigned char>& image, const std_msgs::Header& header);
-
 /// K, P = [K 0], R = identity and the distortion under ROS's names: plumb_bob (5 coefficients; zero when there is
 /// none), rational_polynomial (8) and equidistant (4).
 sensor_msgs::CameraInfo ToCameraInfo(const PinholeCamera& camera, const LensDistortion& distortion,

@@ -54,12 +54,6 @@ class ImageDecoder {
   RawImageDecoder raw_;
 };
 
-/// The same of a single image.
-cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera = nullptr);
-
-/// What CheckImageSides does not refuse: 1 to 32767 px a side.
-void CheckImageSides(const std::string& name, const sensor_msgs::Image& image);
-
 constexpr bool kBigEndianHost = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
 
 /// What a camera_info says about the image as it is sent.

@@ -23,6 +23,8 @@ sensor_msgs::ImagePtr ToFloatMessage(const Image<float>& map, const std_msgs::He
 sensor_msgs::ImagePtr ToNormalMessage(const NormalMap& normal, ImageView<const unsigned char> keep,
                                       const std_msgs::Header& header);
 sensor_msgs::ImagePtr ToColorMessage(const ColorImage& color, const std_msgs::Header& header);  ///< rgb8
+/// A mask (0 = ignore) or labels (0 = unknown).
+sensor_msgs::ImagePtr ToMono8Message(const Image<unsigned char>& image, const std_msgs::Header& header);
 sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_msgs::Header& header);
 
 /// 0 free, 100 occupied, -1 unknown (nav_msgs), in the plane z = 0 of the header's frame.
