@@ -15,8 +15,6 @@ std::string FormatDuration(double seconds) {
   return StringPrintf("%lld:%02lld:%02lld", total / 3600, total / 60 % 60, total % 60);
 }
 
-Progress::Progress(std::ostream* stream, ProgressStyle style) : stream_(stream), style_(style) {}
-
 Progress::~Progress() { EraseBar(); }
 
 void Progress::Begin(const std::string& stage, int steps, int reused) {
@@ -37,15 +35,20 @@ void Progress::Step() {
 
 void Progress::Note(const std::string& message) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (style_ == ProgressStyle::kSilent) return;
+  if (quiet_) return;
   EraseBar();
-  *stream_ << message << std::endl;
+  log_ << message << std::endl;
 }
 
 void Progress::Warn(const std::string& message) {
+  if (message.empty()) return;
   const std::lock_guard<std::mutex> lock(mutex_);
   EraseBar();
-  *stream_ << "warning: " << message << std::endl;
+  log_ << "warning: " << message << std::endl;
+}
+
+void Progress::Result(const std::string& message) {
+  if (!quiet_) results_ << message << std::endl;
 }
 
 double Progress::SecondsLeft(double elapsed_s) const {
@@ -53,28 +56,27 @@ double Progress::SecondsLeft(double elapsed_s) const {
 }
 
 void Progress::Show() {
-  if (style_ == ProgressStyle::kSilent) return;
+  if (quiet_) return;
   const auto percent = static_cast<int>(int64_t{100} * step_ / steps_);
-  if (style_ == ProgressStyle::kLines && percent == shown_percent_) return;
+  if (!has_bar_ && percent == shown_percent_) return;
   shown_percent_ = percent;
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;
   const double left_s = SecondsLeft(elapsed.count());
   const std::string text = Concat(percent, " %  ", stage_, " ", step_, "/", steps_,
                                   left_s < 0 ? std::string() : Concat("  ", FormatDuration(left_s), " left"));
-  if (style_ == ProgressStyle::kLines) {
-    *stream_ << text << std::endl;
+  if (!has_bar_) {
+    log_ << text << std::endl;
     return;
   }
   constexpr int kBarWidth = 30;
   const int filled = percent * kBarWidth / 100;
-  *stream_ << "\r\033[K[" << std::string(filled, '#') << std::string(kBarWidth - filled, '.') << "] " << text
-           << std::flush;
+  log_ << "\r\033[K[" << std::string(filled, '#') << std::string(kBarWidth - filled, '.') << "] " << text << std::flush;
   bar_visible_ = true;
 }
 
 void Progress::EraseBar() {
   if (!bar_visible_) return;
-  *stream_ << "\r\033[K" << std::flush;
+  log_ << "\r\033[K" << std::flush;
   bar_visible_ = false;
 }
 

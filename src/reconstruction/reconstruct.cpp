@@ -48,9 +48,8 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   std::future<std::vector<ReconstructDevice>> devices_to_come =
       std::async(plans ? std::launch::deferred : std::launch::async, context.make_devices);
   Scene scene = ReadSceneInput(options);
-  Progress progress(&context.log, ProgressStyleFor(options.quiet, context.log_is_terminal));
+  Progress progress(&context.log, &context.out, options.quiet, context.log_is_terminal);
   StopRequest& interrupt = context.interrupt;
-  std::ostream* const out = &context.out;
   for (const std::string& warning : scene.warnings) progress.Warn(warning);
   if (!scene.note.empty()) progress.Note(scene.note);
   const auto faces = std::count_if(scene.images.begin(), scene.images.end(),
@@ -70,8 +69,8 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   interrupt.Check();
   CheckSizes(scene, indices, options);
   FrameStore frames(scene, options.max_image_size, options.MemoryBytes(options.kImageShare));
-  if (const std::string doubt = DescribePoseDoubt(scene, plan, &frames); !doubt.empty()) progress.Warn(doubt);
-  if (plans) return PlanStages(scene, plan, options, interrupt, &frames, &progress, out);
+  progress.Warn(DescribePoseDoubt(scene, plan, &frames));
+  if (plans) return PlanStages(scene, plan, options, interrupt, &frames, &progress);
   progress.Note(Concat("checking ", indices.size(), " images"));
   // Each image is decoded once, so that a damaged one is found now and not hours later; those that fit in stay.
   const auto decode = [&](int index) { frames.Get(index); };
@@ -80,8 +79,8 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   const RunRecord record = MakeRecord(options, devices.name(), InputHash(scene, plan, files));
   OutputFolder folder(options.output, record, options.overwrite);
   if (folder.state() == OutputFolder::State::kComplete) {
-    ReportComplete(folder, "", options, out);
-    if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, interrupt, &frames, &progress, out);
+    ReportComplete(folder, "", options, &progress);
+    if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, interrupt, &frames, &progress);
     return;
   }
   if (!folder.losses().empty()) {
@@ -103,9 +102,9 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
     ReportImagesWithoutMap(plan, scene, &progress);
     const size_t points = RunAndWriteResults(&run);
     CheckUnchanged(scene, indices, files, interrupt, &folder);
-    EndRun(&run, record, devices.name(), timer, points, out);
+    EndRun(&run, record, devices.name(), timer, points);
   }
-  if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, interrupt, &frames, &progress, out);
+  if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, interrupt, &frames, &progress);
 }
 
 }  // namespace acmp

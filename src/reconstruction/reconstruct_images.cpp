@@ -122,7 +122,7 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
   if (!doubt.empty()) plan.warnings.push_back(doubt);
   const Devices devices(make_devices());
   std::ostream nowhere(nullptr);
-  Progress progress(&nowhere, ProgressStyle::kSilent);
+  Progress progress(&nowhere, &nowhere, true, false);
   ReconstructRun run{scene, options, plan, devices, frames, *interrupt, progress, nullptr};
   return DoTasks(&run);
 }

@@ -2,7 +2,6 @@
 
 #include <map>
 #include <mutex>
-#include <ostream>
 #include <set>
 #include <string>
 
@@ -68,14 +67,14 @@ void RunStage(ReconstructRun* run, const std::string& name, int step, const std:
 /// Throws InvalidInputError when the folder belongs to another plan.
 /// @param frames gets the images without a map, which no stage may read: a damaged one is found now
 void PlanStages(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options,
-                const StopRequest& interrupt, FrameStore* frames, Progress* progress, std::ostream* out);
+                const StopRequest& interrupt, FrameStore* frames, Progress* progress);
 
 /// Writes the mesh of a finished run to options.mesh: of the maps in its folder, at the poses of its cameras.txt. A
-/// line of what it is goes to `out` unless options.quiet. Throws InvalidInputError, ProcessingError or Interrupted.
+/// line of what it is is a result. Throws InvalidInputError, ProcessingError or Interrupted.
 /// @param origin of the coordinates that it is made in
 /// @param frames for colours
 void WriteSceneMesh(const ReconstructOptions& options, const Eigen::Vector3d& origin, const OutputFolder& folder,
-                    const StopRequest& interrupt, FrameStore* frames, Progress* progress, std::ostream* out);
+                    const StopRequest& interrupt, FrameStore* frames, Progress* progress);
 
 constexpr const char* kInputKey = "input (hash of images, masks, prior depth, cameras, poses, landmarks)";
 constexpr const char* kDeviceKey = "device";
@@ -94,7 +93,7 @@ std::string DeviceModel(const std::string& device_name);
 /// counts as failed.
 /// @param prefix of the line
 void ReportComplete(const OutputFolder& folder, const std::string& prefix, const ReconstructOptions& options,
-                    std::ostream* out);
+                    Progress* progress);
 
 /// What the number of points says of a run. Empty: nothing.
 struct PointsJudgement {
@@ -112,14 +111,11 @@ void ReportImagesWithoutMap(const ReconstructPlan& plan, const Scene& scene, Pro
 
 /// Of how many images the prior depth is not used, and why of one; empty: of none.
 std::string DescribeUnusedPriorDepth(const ReconstructRun& run);
-/// The same as a warning.
-void ReportUnusedPriorDepth(const ReconstructRun& run);
 
 /// The list of files and the summary, which make the run complete. Throws ProcessingError where it counts as failed
 /// though all is written.
 /// @param device name of what computed it
 /// @param timer of the whole run
-void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer, size_t points,
-            std::ostream* out);
+void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer, size_t points);
 
 }  // namespace acmp

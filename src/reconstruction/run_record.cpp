@@ -84,9 +84,9 @@ RunRecord MakeRecord(const ReconstructOptions& options, const std::string& devic
 std::string DeviceModel(const std::string& device_name) { return device_name.substr(0, device_name.find(" (")); }
 
 void ReportComplete(const OutputFolder& folder, const std::string& prefix, const ReconstructOptions& options,
-                    std::ostream* out) {
+                    Progress* progress) {
   if (!options.keep_work) folder.RemoveWork();
-  if (!options.quiet) *out << prefix << folder.path().string() << ": already complete (--overwrite starts afresh)\n";
+  progress->Result(Concat(prefix, folder.path().string(), ": already complete (--overwrite starts afresh)"));
   std::ifstream stream(folder.SummaryFile());
   const Json summary = Json::parse(stream, nullptr, false);
   if (!summary.is_object() || !summary.contains("failure") || !summary["failure"].is_string()) return;
@@ -134,29 +134,22 @@ std::string DescribeUnusedPriorDepth(const ReconstructRun& run) {
                 run.scene.images[static_cast<size_t>(index)].name, ": ", reason);
 }
 
-void ReportUnusedPriorDepth(const ReconstructRun& run) {
-  const std::string text = DescribeUnusedPriorDepth(run);
-  if (!text.empty()) run.progress.Warn(text);
-}
-
-void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer, size_t points,
-            std::ostream* out) {
+void EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
+            size_t points) {
   run->interrupt.Check();
-  ReportUnusedPriorDepth(*run);
+  run->progress.Warn(DescribeUnusedPriorDepth(*run));
   run->folder->WriteFileList();
   SyncFolder(run->folder->path());
   run->times.run_ms = timer.Elapsed();
   const PointsJudgement judgement = JudgePoints(*run, points);
-  if (!judgement.warning.empty()) run->progress.Warn(judgement.warning);
+  run->progress.Warn(judgement.warning);
   const std::string failure =
       judgement.failure.empty() ? "" : Concat(run->folder->path().string(), ": ", judgement.failure);
   WriteFileAtomically(run->folder->SummaryFile(), FormatSummary(*run, record, device, points, failure),
                       Durability::kPowerCut);
   if (!run->options.keep_work) run->folder->RemoveWork();
-  if (!run->options.quiet) {
-    *out << run->folder->path().string() << ": " << points << " points in fused.ply; took "
-         << FormatDuration(run->times.run_ms / 1000) << " on " << device << std::endl;
-  }
+  run->progress.Result(Concat(run->folder->path().string(), ": ", points, " points in fused.ply; took ",
+                              FormatDuration(run->times.run_ms / 1000), " on ", device));
   if (!failure.empty()) throw ProcessingError(failure);
 }
 

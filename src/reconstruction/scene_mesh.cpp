@@ -26,7 +26,7 @@ double VoxelSize(const ReconstructOptions& options, const OutputFolder& folder,
 }  // namespace
 
 void WriteSceneMesh(const ReconstructOptions& options, const Eigen::Vector3d& origin, const OutputFolder& folder,
-                    const StopRequest& interrupt, FrameStore* frames, Progress* progress, std::ostream* out) {
+                    const StopRequest& interrupt, FrameStore* frames, Progress* progress) {
   const Timer timer;
   const std::vector<ListedCamera> cameras = ReadCameraList(folder.path() / "cameras.txt");
   DistanceVolumeOptions volume_options;
@@ -50,10 +50,9 @@ void WriteSceneMesh(const ReconstructOptions& options, const Eigen::Vector3d& or
   interrupt.Check();
   WriteMesh(options.mesh, mesh, MeshFormatOf(options.mesh), origin);
   progress->Step();
-  if (options.quiet) return;
-  *out << options.mesh.string() << ": " << mesh.vertices.size() << " vertices, " << mesh.triangles.size()
-       << " triangles, voxels of " << volume_options.voxel_size << ", " << volume.bytes() / 1000000
-       << " MB while it was made; took " << FormatDuration(timer.Elapsed() / 1000) << std::endl;
+  progress->Result(Concat(options.mesh.string(), ": ", mesh.vertices.size(), " vertices, ", mesh.triangles.size(),
+                          " triangles, voxels of ", volume_options.voxel_size, ", ", volume.bytes() / 1000000,
+                          " MB while it was made; took ", FormatDuration(timer.Elapsed() / 1000)));
 }
 
 }  // namespace acmp

@@ -111,10 +111,11 @@ class StageRunner {
   void Run(const std::string& stage, const std::string& images) {
     const Timer timer;
     const std::string name = options_.output.string();
+    Progress progress(&context_.log, &context_.out, options_.quiet, context_.log_is_terminal);
     if (!OutputFolder::Exists(options_.output)) throw InvalidInputError(name + ": has no plan: give --plan first");
     const OutputFolder folder(options_.output, SettingsRecord(options_), false, OutputFolder::Use::kStages);
     if (folder.state() == OutputFolder::State::kComplete) {
-      return ReportComplete(folder, "", options_, &context_.out);
+      return ReportComplete(folder, "", options_, &progress);
     }
     const std::string input = folder.Setting(kInputKey);
     if (!planned_ || input_ != input) planned_ = std::make_unique<PlannedScene>(options_);
@@ -130,14 +131,13 @@ class StageRunner {
     CheckContent(chosen);
     if (!devices_) devices_.emplace(context_.make_devices());
     const std::string device = CheckDevice(folder.WorkFile("device", 0));
-    Progress progress(&context_.log, ProgressStyleFor(options_.quiet, context_.log_is_terminal));
     ReconstructRun run{planned_->scene,  options_,   planned_->plan, *devices_,
                        planned_->frames, interrupt_, progress,       &folder};
     if (stage == kFinishStage) {
       const size_t points = RunAndWriteResults(&run);
       const RunRecord record = MakeRecord(options_, device, input);
       folder.Rewrite(record);
-      return EndRun(&run, record, device, timer, points, &context_.out);
+      return EndRun(&run, record, device, timer, points);
     }
     std::set<int> targets;
     for (int index : chosen) {
@@ -145,7 +145,7 @@ class StageRunner {
     }
     RunStage(&run, stage, std::min(static_cast<int>(place), run.store.final_step()), targets, stage == kMapsStage);
     interrupt_.Check();
-    ReportUnusedPriorDepth(run);
+    progress.Warn(DescribeUnusedPriorDepth(run));
   }
 
  private:
@@ -210,7 +210,7 @@ std::string Failure(int exit_code, std::string message) {
 }  // namespace
 
 void PlanStages(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options,
-                const StopRequest& interrupt, FrameStore* frames, Progress* progress, std::ostream* out) {
+                const StopRequest& interrupt, FrameStore* frames, Progress* progress) {
   ReportImagesWithoutMap(plan, scene, progress);
   const std::vector<std::string> files = HashFiles(scene, plan.Indices(), interrupt, [&](int index) {
     if (!plan.HasMap(index)) frames->Get(index);
@@ -225,12 +225,11 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
   }
   const Json tasks = complete ? Json::array() : ListOfTasks(plan, options);
   WriteFileAtomically(options.plan, Json({{"complete", complete}, {"tasks", tasks}}).dump() + "\n");
-  if (complete) return ReportComplete(folder, options.plan.string() + ": ", options, out);
+  if (complete) return ReportComplete(folder, options.plan.string() + ": ", options, progress);
   const std::string content = FormatPlan(scene, plan, files, options.scene);
   if (ReadWorkFile(PlanFile(options.output)) != content) WriteWorkFile(PlanFile(options.output), content);
-  if (options.quiet) return;
-  *out << options.plan.string() << ": " << tasks.size() << " tasks for " << plan.images.size()
-       << " images in chunks of " << options.chunk_images << std::endl;
+  progress->Result(Concat(options.plan.string(), ": ", tasks.size(), " tasks for ", plan.images.size(),
+                          " images in chunks of ", options.chunk_images));
 }
 
 bool ReconstructStages(const ReconstructOptions& options, const RunContext& context, const LineReader& next) {

@@ -291,7 +291,7 @@ TEST(OfflinePlan, ViewsThatHardlyShareLandmarksAreNotChosen) {
 TEST(Progress, TimeLeftIsThatOfTheStageAndIgnoresReusedSteps) {
   std::ostringstream stream;
   {
-    Progress progress(&stream, ProgressStyle::kBar);
+    Progress progress(&stream, &stream, false, true);
     progress.Begin("first", 10, 4);
     EXPECT_LT(progress.SecondsLeft(1), 0) << "reused steps say nothing about the speed";
     progress.Step();
