@@ -218,34 +218,6 @@ void ReadFace(BinaryReader* file, bool ascii, const Element& element, TriangleMe
   });
 }
 
-/// @param faces as well: else none
-TriangleMesh ReadElements(const std::filesystem::path& path, bool faces, ReadOrigin* origin) {
-  const ClassicLocale point;
-  BinaryReader file(path);
-  const PlyHeader header = ReadPlyHeader(&file);
-  const bool ascii = header.format == "ascii";
-  TriangleMesh mesh;
-  bool has_vertices = false;
-  for (const Element& element : header.elements) {
-    if (has_vertices && !(faces && element.name == "face")) break;
-    CheckRecordCount(file, ascii, element);
-    if (element.name == "vertex") {
-      mesh.vertices = ReadVertices(&file, ascii, element, origin);
-      has_vertices = true;
-      continue;
-    }
-    for (uint64_t i = 0; i < element.count && !element.properties.empty(); ++i) {
-      if (has_vertices) {
-        ReadFace(&file, ascii, element, &mesh);
-      } else {
-        ReadRecord(&file, ascii, element, [](size_t, double) {});
-      }
-    }
-  }
-  if (!has_vertices) file.Fail("PLY file without a vertex element");
-  return mesh;
-}
-
 template <class T>
 char* Append(char* target, const T& value) {
   std::memcpy(target, &value, sizeof(T));
@@ -389,12 +361,31 @@ Vec3f FromOrigin(const Eigen::Vector3d& position, ReadOrigin* origin) {
   return {local.x(), local.y(), local.z()};
 }
 
-PointCloud ReadPly(const std::filesystem::path& path, ReadOrigin* origin) {
-  return ReadElements(path, false, origin).vertices;
-}
-
-TriangleMesh ReadPlyMesh(const std::filesystem::path& path, ReadOrigin* origin) {
-  return ReadElements(path, true, origin);
+TriangleMesh ReadPly(const std::filesystem::path& path, ReadOrigin* origin) {
+  const ClassicLocale point;
+  BinaryReader file(path);
+  const PlyHeader header = ReadPlyHeader(&file);
+  const bool ascii = header.format == "ascii";
+  TriangleMesh mesh;
+  bool has_vertices = false;
+  for (const Element& element : header.elements) {
+    if (has_vertices && element.name != "face") break;
+    CheckRecordCount(file, ascii, element);
+    if (element.name == "vertex") {
+      mesh.vertices = ReadVertices(&file, ascii, element, origin);
+      has_vertices = true;
+      continue;
+    }
+    for (uint64_t i = 0; i < element.count && !element.properties.empty(); ++i) {
+      if (has_vertices) {
+        ReadFace(&file, ascii, element, &mesh);
+      } else {
+        ReadRecord(&file, ascii, element, [](size_t, double) {});
+      }
+    }
+  }
+  if (!has_vertices) file.Fail("PLY file without a vertex element");
+  return mesh;
 }
 
 MeshFormat MeshFormatOf(const std::filesystem::path& path) {

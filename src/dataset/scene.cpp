@@ -3,13 +3,11 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <memory>
 #include <numeric>
 #include <set>
 #include <sstream>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/image/mask.h"
 #include "acmp_mapping/image/rectifier.h"

@@ -209,7 +209,7 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
 }
 
 PointCloud ReadCloud(const fs::path& path, double mesh_spacing, ReadOrigin* origin) {
-  TriangleMesh mesh = ReadPlyMesh(path, origin);
+  TriangleMesh mesh = ReadPly(path, origin);
   return mesh.triangles.empty() ? std::move(mesh.vertices) : SampleMesh(mesh, mesh_spacing);
 }
 

@@ -2,7 +2,6 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
 #include <limits>
 
 #include "acmp_mapping/common/error.h"

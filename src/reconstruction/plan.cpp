@@ -8,7 +8,6 @@
 #include <cmath>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/fusion/depth_fusion.h"
 #include "acmp_mapping/geometry/local_origin.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"

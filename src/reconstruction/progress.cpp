@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"

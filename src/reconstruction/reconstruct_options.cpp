@@ -6,8 +6,6 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/mapping/dense_mapper.h"
-#include "acmp_mapping/mesh/distance_volume.h"
 
 namespace acmp {
 namespace {

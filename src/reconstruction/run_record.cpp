@@ -1,9 +1,7 @@
 #include "run.h"
 
-#include <algorithm>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <utility>
 #include <vector>
 

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <thread>
-#include <utility>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/fusion/depth_fusion.h"

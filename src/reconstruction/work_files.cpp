@@ -6,7 +6,6 @@
 #include <fstream>
 #include <type_traits>
 #include <utility>
-#include <vector>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/output_file.h"

@@ -117,11 +117,11 @@ PointCloud SomePoints() {
 
 TEST_F(MapIoTest, PlyRoundTrip) {
   WritePly(folder() / "a.ply", SomePoints());
-  EXPECT_EQ(FirstDifference(ReadPly(folder() / "a.ply"), SomePoints()), "");
+  EXPECT_EQ(FirstDifference(ReadPly(folder() / "a.ply").vertices, SomePoints()), "");
   WritePly(folder() / "text.ply", SomePoints(), Eigen::Vector3d::Zero(), false);
-  EXPECT_EQ(FirstDifference(ReadPly(folder() / "text.ply"), SomePoints()), "");
+  EXPECT_EQ(FirstDifference(ReadPly(folder() / "text.ply").vertices, SomePoints()), "");
   WritePly(folder() / "empty.ply", {});
-  EXPECT_TRUE(ReadPly(folder() / "empty.ply").empty());
+  EXPECT_TRUE(ReadPly(folder() / "empty.ply").vertices.empty());
 }
 
 TEST_F(MapIoTest, AsciiPlyWithOtherPropertiesAndElements) {
@@ -131,7 +131,7 @@ TEST_F(MapIoTest, AsciiPlyWithOtherPropertiesAndElements) {
                               "property double y\r\nproperty double x\r\nproperty uchar red\r\nproperty uchar green\r\n"
                               "property uchar blue\r\nproperty int label\r\nend_header\r\n"
                               "3 1 2 3\r\n3 2 1 10 20 30 7\r\n0.5 -2e-1 4 1 2 3 8");
-  const PointCloud points = ReadPly(path);
+  const PointCloud points = ReadPly(path).vertices;
   ASSERT_EQ(points.size(), 2u);
   EXPECT_EQ(points[0].position.x, 1);
   EXPECT_EQ(points[0].position.z, 3);
@@ -147,7 +147,7 @@ TEST_F(MapIoTest, BinaryPlySkipsListsBeforeAndAfterTheVertices) {
   const std::string triangle = "\x03" + std::string(12, '\0');
   for (const std::string& content :
        {head + vertex + face + end + point + triangle, head + face + vertex + end + triangle + point}) {
-    EXPECT_EQ(ReadPly(WriteText("a.ply", content)).at(0).position.z, 3);
+    EXPECT_EQ(ReadPly(WriteText("a.ply", content)).vertices.at(0).position.z, 3);
   }
 }
 
@@ -221,27 +221,27 @@ class MeshFilesTest : public TestFolder {
 
 TEST_F(MeshFilesTest, PlyRoundTrip) {
   WriteMesh(folder() / "a.ply", SomeMesh(), MeshFormat::kPly);
-  const TriangleMesh read = ReadPlyMesh(folder() / "a.ply");
+  const TriangleMesh read = ReadPly(folder() / "a.ply");
   EXPECT_EQ(read.triangles, SomeMesh().triangles);
   ASSERT_EQ(read.vertices.size(), 4u);
   EXPECT_EQ(read.vertices[2].position.z, 1.5f);
   EXPECT_EQ(read.vertices[2].normal.z, -1);
   EXPECT_EQ(read.vertices[0].color.b, 51);
   EXPECT_EQ(read.vertices[1].confidence, 0.25f);
-  EXPECT_EQ(ReadPly(folder() / "a.ply").size(), 4u) << "as a cloud";
+  EXPECT_EQ(ReadPly(folder() / "a.ply").vertices.size(), 4u) << "as a cloud";
   WritePly(folder() / "cloud.ply", SomeMesh().vertices);
-  EXPECT_TRUE(ReadPlyMesh(folder() / "cloud.ply").triangles.empty());
+  EXPECT_TRUE(ReadPly(folder() / "cloud.ply").triangles.empty());
 }
 
 TEST_F(MeshFilesTest, FacesOfMoreCornersAreCut) {
-  const TriangleMesh mesh = ReadPlyMesh(WriteAscii("7 4 0 1 2 3\n"));
+  const TriangleMesh mesh = ReadPly(WriteAscii("7 4 0 1 2 3\n"));
   const std::vector<std::array<uint32_t, 3>> expected = {{0, 1, 2}, {0, 2, 3}};
   EXPECT_EQ(mesh.triangles, expected);
 }
 
 TEST_F(MeshFilesTest, DamagedFacesAreRefused) {
   const auto message = [&](const std::string& faces) {
-    return MessageOf<InvalidInputError>([&] { ReadPlyMesh(WriteAscii(faces)); });
+    return MessageOf<InvalidInputError>([&] { ReadPly(WriteAscii(faces)); });
   };
   EXPECT_THAT(message("0 3 0 1 4\n"), HasAll("a.ply", "vertex 4: must be 0 to 4 - 1"));
   EXPECT_THAT(message("0 3 0 1 -1\n"), HasSubstr("vertex -1"));
@@ -250,7 +250,7 @@ TEST_F(MeshFilesTest, DamagedFacesAreRefused) {
   WriteMesh(folder() / "whole.ply", SomeMesh(), MeshFormat::kPly);
   const std::string whole = ReadText(folder() / "whole.ply");
   const auto cut = WriteText("cut.ply", whole.substr(0, whole.size() - 1));
-  EXPECT_REFUSED(ReadPlyMesh(cut), "truncated");
+  EXPECT_REFUSED(ReadPly(cut), "truncated");
 }
 
 TEST_F(MeshFilesTest, ObjHasTheDocumentedText) {

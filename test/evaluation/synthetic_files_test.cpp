@@ -4,7 +4,6 @@
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/keyframe/landmark_visibility.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dataset/test_folder.h"
 #include "gtest/gtest.h"
@@ -74,8 +73,8 @@ TEST_F(WrittenSceneTest, HoldsTheGroundTruth) {
       ASSERT_EQ(mask.data()[p].g, view.low_texture.data()[p] ? 255 : 0);
     }
   }
-  EXPECT_EQ(ReadPly(folder() / "surface.ply").size(), SampleSyntheticSurface(views_, 0.1f).size());
-  EXPECT_EQ(ReadPly(folder() / "sparse.ply").size(), ReadScene(folder()).landmarks_in_world.size());
+  EXPECT_EQ(ReadPly(folder() / "surface.ply").vertices.size(), SampleSyntheticSurface(views_, 0.1f).size());
+  EXPECT_EQ(ReadPly(folder() / "sparse.ply").vertices.size(), ReadScene(folder()).landmarks_in_world.size());
 }
 
 }  // namespace

@@ -64,7 +64,7 @@ ACMP_FUZZ_TARGET(mvsnet) {
   ReadSceneOf({"pair.txt", "cams/00000000_cam.txt", "cams/00000001_cam.txt"}, SceneFormat::kMvsnet, &bytes);
 }
 
-ACMP_FUZZ_TARGET(ply) { ReadPlyMesh(fuzz::Write("cloud.ply", bytes.Rest())); }
+ACMP_FUZZ_TARGET(ply) { ReadPly(fuzz::Write("cloud.ply", bytes.Rest())); }
 
 /// What an earlier run left in its folder: run.txt, files.txt, summary.json.
 ACMP_FUZZ_TARGET(output_folder) {

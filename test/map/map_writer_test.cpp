@@ -38,7 +38,7 @@ TEST_F(MapWriterTest, NumbersHaveAPointInAnyLocale) {
   const DecimalComma comma(folder() / "locale");
   const MapCloud map = {MakeMap(5)};
   WriteMap(folder() / "map.ply", map, MapFormat::kPly, false);
-  EXPECT_EQ(ReadPly(folder() / "map.ply")[4].position.x, map.points[4].position.x);
+  EXPECT_EQ(ReadPly(folder() / "map.ply").vertices[4].position.x, map.points[4].position.x);
   WriteMap(folder() / "map.pcd", map, MapFormat::kPcd, false);
   MapMesh mesh = {{map.points, {{0, 1, 2}}}};
   WriteMap(folder() / "mesh.obj", mesh, MeshFormat::kObj);
@@ -67,7 +67,7 @@ TEST_F(MapWriterTest, CoordinatesFarFromTheOriginAreDoubles) {
   double y = 0;
   std::memcpy(&y, &ply[ply.find("end_header\n") + 11 + 8], sizeof(y));
   EXPECT_EQ(y, 5500000 + double{-1.0f / 3});
-  EXPECT_EQ(ReadPly(folder() / "map.ply").size(), 5u);
+  EXPECT_EQ(ReadPly(folder() / "map.ply").vertices.size(), 5u);
   WriteMap(folder() / "map.pcd", map, MapFormat::kPcd, true);
   const std::string pcd = ReadText(folder() / "map.pcd");
   EXPECT_NE(pcd.find("SIZE 8 8 8 4 4 4 4 4\n"), std::string::npos);

@@ -59,7 +59,7 @@ TEST_F(ReconstructColmapTest, MapsAreThoseOfTheRunAtItsSize) {
 TEST_F(ReconstructColmapTest, PointsAreThoseOfTheCloudAndOfTheImagesThatSeeThem) {
   Run();
   const Scene workspace = ReadScene(output() / "colmap", SceneFormat::kColmap);
-  const PointCloud fused = ReadPly(output() / "fused.ply");
+  const PointCloud fused = ReadPly(output() / "fused.ply").vertices;
   EXPECT_GT(workspace.landmarks_in_world.size(), fused.size() / 2);
   EXPECT_LE(workspace.landmarks_in_world.size(), fused.size()) << "one per voxel";
   for (const SceneImage& image : workspace.images) {
@@ -133,13 +133,13 @@ TEST_F(ReconstructColmapTest, ImagesWithoutMapAreNoSources) {
 /// In UTM coordinates float32 knows half metres only.
 TEST_F(ReconstructRunFixture, FarFromTheOriginTheCloudIsTheSameInDouble) {
   RunTo("near");
-  const PointCloud expected = ReadPly(output("near") / "fused.ply");
+  const PointCloud expected = ReadPly(output("near") / "fused.ply").vertices;
   offset_ = {500000, 5500000, 200};
   WriteScene(kImages, kWidth, kHeight);
   RunTo("far");
   EXPECT_THAT(ReadText(output("far") / "fused.ply"), HasSubstr("property double x"));
   ReadOrigin origin;
-  const PointCloud far_off = ReadPly(output("far") / "fused.ply", &origin);
+  const PointCloud far_off = ReadPly(output("far") / "fused.ply", &origin).vertices;
   ASSERT_EQ(far_off.size(), expected.size());
   for (size_t i = 0; i < expected.size(); ++i) {
     const Vec3f &p = far_off[i].position, &q = expected[i].position;

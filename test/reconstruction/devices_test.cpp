@@ -102,7 +102,7 @@ TEST_F(ReconstructDevicesTest, AnyNumberOfDevicesGivesTheSameFiles) {
     WriteTwelve(sources);
     options_.overwrite = true;
     RunTo("cpu");
-    ASSERT_GT(ReadPly(output("cpu") / "fused.ply").size(), 500u);
+    ASSERT_GT(ReadPly(output("cpu") / "fused.ply").vertices.size(), 500u);
     for (int devices : {1, 2, 3}) {
       for (const double memory_limit_gb : {4.0, 0.0}) {
         options_.memory_limit_gb = memory_limit_gb;
@@ -262,7 +262,7 @@ TEST_F(ReconstructDevicesTest, OnlineRunsAreFusedWithTheMappersSources) {
   options_.schedule = "online";
   RunTo("cpu");
   // Refined again, all have ten sources instead of two to ten, and a point takes the pixels of each: 405 points.
-  ASSERT_GT(ReadPly(output("cpu") / "fused.ply").size(), 300u);
+  ASSERT_GT(ReadPly(output("cpu") / "fused.ply").vertices.size(), 300u);
   for (const int devices : {1, 2}) {
     RunOnFakeGpus(Concat("gpu_", devices), devices);
     ExpectSameContents(output("cpu"), options_.output);
@@ -290,7 +290,7 @@ class ReconstructImagesTest : public ReconstructRunFixture {
       EXPECT_TRUE(SamePixels(image.maps.confidence, ReadPfm(output() / ("confidence" + name))));
       EXPECT_EQ(image.maps.normal.size(), image.maps.depth.size());
     }
-    const PointCloud cloud = ReadPly(output() / "fused.ply");
+    const PointCloud cloud = ReadPly(output() / "fused.ply").vertices;
     ASSERT_EQ(result.cloud.size(), cloud.size());
     for (size_t i = 0; i < cloud.size(); ++i) {
       ASSERT_EQ(std::memcmp(&result.cloud[i].position, &cloud[i].position, sizeof(Vec3f)), 0) << i;

@@ -72,7 +72,7 @@ TEST_F(ReconstructCliTest, FindsThePlaneWithEitherSchedule) {
     for (float z : depth) close += std::abs(z - kPlaneDepth) < 0.02 * kPlaneDepth;
     // Border pixels that no neighbour sees cannot be matched: a step shifts the view by 1/16 of the width.
     EXPECT_GT(close, 0.85 * depth.size()) << schedule;
-    EXPECT_GT(ReadPly(output(schedule) / "fused.ply").size(), 64u * 48u / 2) << schedule;
+    EXPECT_GT(ReadPly(output(schedule) / "fused.ply").vertices.size(), 64u * 48u / 2) << schedule;
   }
 }
 
@@ -91,7 +91,7 @@ TEST_F(ReconstructCliTest, MeshIsThePlaneAlsoOfAFinishedRun) {
   const Outcome first = RunTool(Usual() + " --mesh " + file);
   ASSERT_EQ(first.exit_code, 0) << first.text;
   EXPECT_THAT(first.text, HasAll("mesh.ply: ", " triangles, voxels of "));
-  const TriangleMesh mesh = ReadPlyMesh(file);
+  const TriangleMesh mesh = ReadPly(file);
   ASSERT_GT(mesh.triangles.size(), 500u);
   size_t close = 0;
   for (const SurfacePoint& vertex : mesh.vertices) {

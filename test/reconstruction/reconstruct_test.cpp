@@ -28,7 +28,7 @@ TEST_F(ReconstructTest, WritesEveryFileItPromises) {
   EXPECT_FALSE(Has("work") || Has("colmap"));
   EXPECT_EQ(ReadDepth(output() / "depth/000002.pfm").width(), kWidth);
   EXPECT_EQ(ReadPfmNormals(output() / "normal/000002.pfm")(3, 3).z, -1.0f);
-  EXPECT_FALSE(ReadPly(output() / "fused.ply").empty());
+  EXPECT_FALSE(ReadPly(output() / "fused.ply").vertices.empty());
   EXPECT_THAT(ReadText(output() / "summary.json"), HasSubstr("\"images_with_map\": 4"));
 }
 

@@ -107,7 +107,7 @@ TEST(Pcl, ReadsLabelsWherePointsHaveSome) {
     ASSERT_EQ(pcl::io::loadPCDFile(pcd, cloud), 0);
     expect_same(cloud);
     WriteMap(ply, {points}, MapFormat::kPly, binary);
-    const PointCloud read = ReadPly(ply);
+    const PointCloud read = ReadPly(ply).vertices;
     ASSERT_EQ(read.size(), points.size());
     for (size_t i = 0; i < points.size(); ++i) EXPECT_EQ(read[i].label, points[i].label);
   }

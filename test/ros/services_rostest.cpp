@@ -82,13 +82,13 @@ TEST_F(ServicesTest, SaveMapWritesEveryFormatOfWhatIsThere) {
       points[name] = saved.points;
       expect_header(name, header);
       if (format == SaveMap::Request::PLY) {
-        EXPECT_EQ(ReadPly(PathOf(name)).size(), saved.points);
+        EXPECT_EQ(ReadPly(PathOf(name)).vertices.size(), saved.points);
       }
     }
   }
   EXPECT_EQ(points["map.pcd"], points["map.ply"]);
   EXPECT_EQ(points["mesh.obj"], points["mesh.ply"]);
-  const TriangleMesh mesh = ReadPlyMesh(PathOf("mesh.ply"));
+  const TriangleMesh mesh = ReadPly(PathOf("mesh.ply"));
   EXPECT_EQ(mesh.vertices.size(), points["mesh.ply"]);
   EXPECT_GT(mesh.triangles.size(), 100u);
 }
@@ -178,7 +178,7 @@ TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormatsAndFindsRelativeOnes) {
   const std::string relative = fs::relative(PathOf("map.ply"), top).string();
   const SaveMap::Response response = mapper().SaveMap(relative, SaveMap::Request::PLY, true);
   EXPECT_THAT(response.message, HasSubstr("keyframes to " + (fs::path(top) / relative).string()));
-  EXPECT_EQ(ReadPly(PathOf("map.ply")).size(), response.points);
+  EXPECT_EQ(ReadPly(PathOf("map.ply")).vertices.size(), response.points);
 }
 
 TEST_F(ServicesTest, ResetOfTheMapperKeepsTheMap) {

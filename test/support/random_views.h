@@ -1,7 +1,6 @@
 #pragma once
 
 #include <algorithm>
-#include <cmath>
 #include <random>
 #include <vector>
 
@@ -62,21 +61,6 @@ inline std::vector<PlanarView> RandomViews(int count, int width, int height, uin
     views.push_back(std::move(view));
   }
   return views;
-}
-
-/// A plane that faces the camera at the pixel, at most `max_tilt_deg` from the ray's direction, within the depths.
-inline PlaneHypothesis RandomHypothesis(const PinholeCamera& camera, int col, int row, double near, double far,
-                                        double max_tilt_deg, TestRandom* random) {
-  const Eigen::Vector3d ray = camera.Unproject({1.0 * col, 1.0 * row});
-  const Eigen::Vector3d toward = -ray.normalized();
-  const Eigen::Vector3d side = toward.unitOrthogonal();
-  const double tilt = (*random)(0, max_tilt_deg) * 0.017453292519943295;
-  const double turn = (*random)(0, 6.283185307179586);
-  const Eigen::Vector3d normal =
-      std::cos(tilt) * toward + std::sin(tilt) * (std::cos(turn) * side + std::sin(turn) * toward.cross(side));
-  const double d = -normal.dot((*random)(near, far) * ray);
-  return {static_cast<float>(normal.x()), static_cast<float>(normal.y()), static_cast<float>(normal.z()),
-          static_cast<float>(d)};
 }
 
 }  // namespace acmp

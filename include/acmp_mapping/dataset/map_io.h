@@ -91,13 +91,11 @@ class PlyFile {
 using ReadOrigin = std::optional<Eigen::Vector3d>;
 /// A position in the world from there. @param origin null: the world's
 Vec3f FromOrigin(const Eigen::Vector3d& position, ReadOrigin* origin);
-/// Reads x y z and, where present, normals, colours and confidence of a binary little-endian or ASCII PLY; other
-/// properties and elements are skipped.
+/// Reads x y z and, where present, normals, colours and confidence of a binary little-endian or ASCII PLY, with the
+/// faces if they are the element after the vertices; those of more corners are cut into triangles. Other properties and
+/// elements are skipped.
 /// @param origin null: the world's
-PointCloud ReadPly(const std::filesystem::path& path, ReadOrigin* origin = nullptr);
-
-/// As ReadPly, with the faces if they are the element after the vertices; those of more corners are cut into triangles.
-TriangleMesh ReadPlyMesh(const std::filesystem::path& path, ReadOrigin* origin = nullptr);
+TriangleMesh ReadPly(const std::filesystem::path& path, ReadOrigin* origin = nullptr);
 
 enum class MeshFormat { kPly, kObj };
 /// By extension, .ply or .obj, of any case; throws InvalidInputError for another one.

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <filesystem>
-#include <map>
 #include <set>
 #include <string>
 #include <vector>
@@ -69,7 +68,7 @@ struct CloudEvaluationOptions {
   double voxel_size = 0.01;
 };
 
-/// The points of a PLY file, or of its surface where it is a mesh. Throws InvalidInputError as ReadPlyMesh and
+/// The points of a PLY file, or of its surface where it is a mesh. Throws InvalidInputError as ReadPly and
 /// SampleMesh do.
 /// @param mesh_spacing of the points on a mesh
 /// @param origin see ReadPly
