@@ -44,7 +44,8 @@ std::optional<RigidTransform> FitPlace(const RigMatches& matches) {
                                                  NearLine(matches.focal_length) / matches.focal_length);
   if (essential.rows != 3 || essential.cols != 3) return std::nullopt;
   cv::Mat rotation, shift;
-  cv::recoverPose(essential, rays, other_rays, cv::Mat::eye(3, 3, CV_64F), rotation, shift);
+  constexpr double kAnyDistance = 1e9;  // baselines: by default OpenCV counts nothing beyond 50
+  cv::recoverPose(essential, rays, other_rays, cv::Mat::eye(3, 3, CV_64F), rotation, shift, kAnyDistance);
   Eigen::Matrix3d linear;
   Eigen::Vector3d translation;
   cv::cv2eigen(rotation, linear);

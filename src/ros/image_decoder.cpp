@@ -1,4 +1,4 @@
-#include "acmp_mapping/ros/input_conversion.h"
+#include "acmp_mapping/ros/image_decoder.h"
 
 #include <algorithm>
 #include <string_view>

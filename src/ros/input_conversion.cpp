@@ -10,6 +10,7 @@
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/raw_image.h"
 #include "acmp_mapping/geometry/lens_models.h"
 #include "acmp_mapping/intake/pose_semantics.h"
 

@@ -163,8 +163,9 @@ Two files list all private parameters, each with what it does, its bounds and it
 [config/map_server.yaml](../config/map_server.yaml) those of `map_server`. They and this page are written by `acmp_options` from the
 tables in the sources: change a parameter there.
 
-- Each is an argument of the launch files (`roslaunch --ros-args acmp_mapping dense_mapper.launch` lists them), or set them by a file of
-  your own, `frontend_config:=` that of `dense_mapper`, `map_config:=` that of `map_server`.
+- Each is an argument of the launch files (`roslaunch --ros-args acmp_mapping dense_mapper.launch` lists them; `memory_limit` and
+  `label_file` go to both nodes), or set them by a file of your own, `frontend_config:=` that of `dense_mapper`, `map_config:=` that of
+  `map_server`.
 - Those marked `[live]` may change while the mapper runs (`rosrun dynamic_reconfigure dynparam set /acmp/dense_mapper NAME VALUE`);
   all others are read once, when a node starts.
 - A value that is out of bounds, or does not fit another one, is refused with a message. A parameter that a node does not know is

@@ -48,16 +48,20 @@ class RigCheckTest : public ::testing::Test {
     return check->Judge(true);
   }
 
-  static RigidTransform Scaled(RigidTransform transform, double factor) {
-    transform.translation() *= factor;
-    return transform;
+  static Change Scaled(double factor) {
+    return [factor](RigidTransform truth) {
+      truth.translation() *= factor;
+      return truth;
+    };
   }
-  /// The factor that a text names.
-  static double FactorIn(const std::string& text) {
-    const size_t at = text.find("if it were ");
-    return at == std::string::npos ? NAN : std::strtod(text.c_str() + at + 11, nullptr);
+  static Change Turned(double angle, const Eigen::Vector3d& axis) {
+    return [=](const RigidTransform& truth) { return RigidTransform(Eigen::AngleAxisd(angle, axis)) * truth; };
   }
-
+  /// The number that follows this in a text.
+  static double NumberAfter(const std::string& words, const std::string& text) {
+    const size_t at = text.find(words);
+    return at == std::string::npos ? NAN : std::strtod(text.c_str() + at + words.size(), nullptr);
+  }
   /// Rendered once.
   static const std::vector<SyntheticView>& ViewsOf(bool standing) {
     static const std::vector<SyntheticView> moving = Views(false), stands = Views(true);
@@ -69,71 +73,61 @@ class RigCheckTest : public ::testing::Test {
 
 TEST_F(RigCheckTest, APairThatFitsIsNotToldOf) {
   for (const auto* views : {&moving_, &standing_}) {
-    EXPECT_EQ(Said(*views, [](const RigidTransform& truth) { return truth; }), "");
-    EXPECT_EQ(Said(*views, [](const RigidTransform& truth) { return Scaled(truth, 1.08); }), "")
-        << "as calibrations are off";
+    EXPECT_EQ(Said(*views, Scaled(1)), "");
+    EXPECT_EQ(Said(*views, Scaled(1.08)), "") << "as calibrations are off";
   }
 }
 
 TEST_F(RigCheckTest, TheWrongSideIsNamed) {
   for (const auto* views : {&moving_, &standing_}) {
-    EXPECT_THAT(Said(*views, [](const RigidTransform& truth) { return Scaled(truth, -1); }),
-                HasAll("(0.11, 0, 0) of the camera", "sign of P[3]", "T_cam_source"));
+    EXPECT_THAT(Said(*views, Scaled(-1)), HasAll("(0.11, 0, 0) of the camera", "sign of P[3]", "T_cam_source"));
   }
 }
 
-TEST_F(RigCheckTest, ImagesThatAreNotRectifiedAreTold) {
+TEST_F(RigCheckTest, ATurnIsToldAlsoThatOfImagesThatAreNotRectified) {
+  const struct {
+    double degrees;
+    Eigen::Vector3d axis;
+    double error;
+  } turns[] = {{4, Eigen::Vector3d(1, 0.3, 0.5).normalized(), 0.7},
+               {2, {0, 0, 1}, 0.3},
+               {2, {0, 1, 0}, 0.3},
+               {2, {0, -1, 0}, 0.3}};
   for (const auto* views : {&moving_, &standing_}) {
-    const std::string text = Said(*views, [](const RigidTransform& truth) {
-      return RigidTransform(Eigen::AngleAxisd(0.07, Eigen::Vector3d(1, 0.3, 0.5).normalized())) * truth;
-    });
-    EXPECT_THAT(text, HasAll("rectified", "turned by"));
-    EXPECT_NEAR(std::strtod(text.c_str() + text.find("turned by ") + 10, nullptr), 0.07 * 180 / M_PI, 0.7) << text;
-  }
-}
-
-TEST_F(RigCheckTest, ATurnOfTwoDegreesIsTold) {
-  for (const auto* views : {&moving_, &standing_}) {
-    for (const Eigen::Vector3d& axis :
-         {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0, 1, 0), Eigen::Vector3d(0, -1, 0)}) {
-      const std::string text = Said(*views, [&](const RigidTransform& truth) {
-        return RigidTransform(Eigen::AngleAxisd(2 * M_PI / 180, axis)) * truth;
-      });
-      EXPECT_NEAR(std::strtod(text.c_str() + text.find("turned by ") + 10, nullptr), 2, 0.3) << axis << "\n" << text;
+    for (const auto& [degrees, axis, error] : turns) {
+      const std::string text = Said(*views, Turned(degrees * M_PI / 180, axis));
+      EXPECT_THAT(text, HasSubstr("rectified"));
+      EXPECT_NEAR(NumberAfter("turned by ", text), degrees, error) << axis << "\n" << text;
     }
   }
 }
 
 TEST_F(RigCheckTest, AnotherUnitIsNamedWithItsFactor) {
   for (const double factor : {0.3, 4.0, 100.0, 1000.0}) {
-    const auto change = [&](const RigidTransform& truth) { return Scaled(truth, factor); };
-    EXPECT_NEAR(FactorIn(Said(moving_, change)) * factor, 1, 0.15) << factor;
-    EXPECT_NEAR(FactorIn(Said(moving_, change, false)) * factor, 1, 0.15) << factor << ", by its motion";
-    EXPECT_NEAR(FactorIn(Said(standing_, change)) * factor, 1, 0.15) << factor << ", by landmarks";
-    EXPECT_EQ(Said(standing_, change, false), "") << "nothing tells";
+    const auto found = [&](const auto& views, bool landmarks) {
+      return factor * NumberAfter("if it were ", Said(views, Scaled(factor), landmarks));
+    };
+    EXPECT_NEAR(found(moving_, true), 1, 0.15) << factor;
+    EXPECT_NEAR(found(moving_, false), 1, 0.15) << factor << ", by its motion";
+    EXPECT_NEAR(found(standing_, true), 1, 0.15) << factor << ", by landmarks";
+    EXPECT_EQ(Said(standing_, Scaled(factor), false), "") << "nothing tells";
   }
-  const auto millimetres = [](const RigidTransform& truth) { return Scaled(truth, 1000); };
-  EXPECT_THAT(Said(moving_, millimetres), AllOf(HasSubstr("millimetres"), Not(HasSubstr("monocular"))));
+  EXPECT_THAT(Said(moving_, Scaled(1000)), AllOf(HasSubstr("millimetres"), Not(HasSubstr("monocular"))));
 }
 
 /// A monocular frontend that begins anew has another scale.
 TEST_F(RigCheckTest, AnotherWorldIsJudgedByItsOwnImages) {
   RigCheck check;
-  EXPECT_NE(Judge(
-                moving_, [](const RigidTransform& truth) { return Scaled(truth, 4); }, true, &check),
-            "");
+  EXPECT_NE(Judge(moving_, Scaled(4), true, &check), "");
   check.Clear();
-  EXPECT_EQ(Judge(
-                moving_, [](const RigidTransform& truth) { return truth; }, true, &check),
-            "");
+  EXPECT_EQ(Judge(moving_, Scaled(1), true, &check), "");
 }
 
 TEST_F(RigCheckTest, ACameraOnAJointIsJudgedWhereItWas) {
   int call = 0;
-  const auto turns =
-      [&](const RigidTransform& truth) {  // its images stay as they are: what it says of later ones is wrong
-        return ++call <= 3 ? truth : RigidTransform(Eigen::AngleAxisd(0.1 * call, Eigen::Vector3d::UnitY())) * truth;
-      };
+  const auto turns = [&](const RigidTransform& truth) {  // its images stay as they are: later ones are wrong
+    return ++call <= 3 ? truth : Turned(0.1 * call, Eigen::Vector3d::UnitY())(truth);
+  };
   EXPECT_EQ(Said(moving_, turns), "");
 }
 
@@ -142,7 +136,7 @@ TEST_F(RigCheckTest, ImagesOfAnotherTimeAreTold) {
   // Each with the other camera's image of the far end of the path.
   for (size_t i = 0; i < views.size() / 2; ++i)
     std::swap(views[i].right->gray, views[views.size() - 1 - i].right->gray);
-  EXPECT_THAT(Said(views, [](const RigidTransform& truth) { return truth; }), HasSubstr("instant"));
+  EXPECT_THAT(Said(views, Scaled(1)), HasSubstr("instant"));
 }
 
 /// They lie on their lines, but nowhere near their depths.
@@ -150,15 +144,15 @@ TEST_F(RigCheckTest, ImagesThatAreLateAreTold) {
   std::vector<SyntheticView> views = Views(false);
   for (size_t i = views.size() - 1; i > 0; --i) views[i].right->gray = std::move(views[i - 1].right->gray);
   views.erase(views.begin());
-  EXPECT_THAT(Said(views, [](const RigidTransform& truth) { return truth; }), HasSubstr("not of the same instant"));
+  EXPECT_THAT(Said(views, Scaled(1)), HasSubstr("not of the same instant"));
 }
 
 TEST_F(RigCheckTest, ABaselineInAnotherDirectionIsNoTurn) {
+  const auto swapped = [](const RigidTransform& truth) {  // P[7] in place of P[3]
+    return RigidTransform(Eigen::Translation3d(0, truth.translation().x(), 0));
+  };
   for (const auto* views : {&moving_, &standing_}) {
-    EXPECT_THAT(Said(*views,
-                     [](const RigidTransform& truth) {  // P[7] in place of P[3]
-                       return RigidTransform(Eigen::Translation3d(0, truth.translation().x(), 0));
-                     }),
+    EXPECT_THAT(Said(*views, swapped),
                 AnyOf(HasSubstr("lay in direction (1, "), HasSubstr("lay in direction (0.99, ")));
   }
 }

@@ -1,12 +1,13 @@
 // What /diagnostics and the log say, of snapshots; what is counted and told of incidents.
 
 #include "acmp_mapping/ros/diagnostics.h"
-#include "support/error_text.h"
 
 #include <functional>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {

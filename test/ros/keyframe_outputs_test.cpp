@@ -1,8 +1,9 @@
 #include "acmp_mapping/ros/keyframe_outputs.h"
-#include "support/error_text.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {

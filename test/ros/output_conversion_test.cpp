@@ -1,7 +1,6 @@
 // Messages and files of the map, as others read them.
 
 #include "acmp_mapping/ros/output_conversion.h"
-#include "acmp_mapping/ros/map_output.h"
 
 #include <cstring>
 #include <filesystem>

@@ -9,50 +9,20 @@
 #include <geometry_msgs/Transform.h>
 #include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
-#include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/PointCloud.h>
 #include <sensor_msgs/PointCloud2.h>
-#include <opencv2/core/mat.hpp>
 
-#include "acmp_mapping/dataset/raw_image.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/geometry/lens.h"
 #include "acmp_mapping/image/label.h"
 #include "acmp_mapping/image/mask.h"
 #include "acmp_mapping/intake/sensor_samples.h"
+#include "acmp_mapping/ros/image_decoder.h"
 
 /// From ROS messages to the library's types; no master is needed. Throws InvalidInputError naming the value that cannot
 /// be used.
 namespace acmp {
-
-/// One of the two messages is set. Shared with whoever published it: never written to.
-struct EncodedImage {
-  sensor_msgs::ImageConstPtr raw;
-  sensor_msgs::CompressedImageConstPtr compressed;
-  std::string topic = {};  ///< for messages; empty: unknown
-
-  const std_msgs::Header& header() const { return raw ? raw->header : compressed->header; }
-};
-
-/// Makes 8-bit RGB of one camera's images: mono, RGB, BGR (also with alpha) and Bayer of 8 and 16 bits, YUV 4:2:2 and
-/// 4:2:0, and PNG and JPEG of these. What an encoding leaves open is taken as most cameras mean it and told in `note`.
-class ImageDecoder {
- public:
-  /// Throws InvalidInputError that names the encoding when it is none of these, and what contradicts itself. The size
-  /// in the header of a compressed image is read before memory is asked for: it must be at most kMaxImagePixels, and
-  /// that of the camera, if there is one. An orientation in a JPEG's metadata is ignored, as frontends do.
-  /// @param camera null: any size
-  cv::Mat Decode(const EncodedImage& image, const PinholeCamera* camera = nullptr);
-
-  /// What was assumed of the images so far; empty: nothing.
-  const std::string& note() const { return raw_.note(); }
-
- private:
-  cv::Mat DecodeCompressed(const sensor_msgs::CompressedImage& image, const PinholeCamera* camera);
-
-  RawImageDecoder raw_;
-};
 
 constexpr bool kBigEndianHost = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
 
