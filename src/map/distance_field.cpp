@@ -118,6 +118,12 @@ void WithinRow(size_t size, const Predicate& is_obstacle, int16_t* squares) {
 
 }  // namespace
 
+bool DistanceGrid::cropped() const {
+  const auto is_set = [](bool side) { return side; };
+  return std::any_of(goes_on_below.begin(), goes_on_below.end(), is_set) ||
+         std::any_of(goes_on_above.begin(), goes_on_above.end(), is_set);
+}
+
 Occupancy DistanceGrid::OccupancyAt(size_t cell) const { return static_cast<Occupancy>(cells[cell] >> kDistanceBits); }
 
 float DistanceGrid::DistanceAt(size_t cell) const {
@@ -167,7 +173,7 @@ DistanceField::DistanceField(bool unknown_is_obstacle, size_t max_bytes)
 
 bool DistanceField::Covers(const VoxelBox& known, const VoxelIndex& camera) const {
   if (grid_->box.Contains(known.low) && grid_->box.Contains(known.high)) return true;
-  if (!grid_->cropped) return false;
+  if (!grid_->cropped()) return false;
   constexpr double kNearBorder = 0.2;
   const VoxelBox inner = Grown(grid_->box, -kNearBorder, std::numeric_limits<int>::min());
   for (size_t i = 0; i < 3; ++i) {
@@ -177,21 +183,21 @@ bool DistanceField::Covers(const VoxelBox& known, const VoxelIndex& camera) cons
   return true;
 }
 
-void DistanceField::Restart(const OccupancyMap& map, const VoxelBox& known, const VoxelIndex& camera) {
+std::shared_ptr<DistanceGrid> DistanceField::MakeGrid(const OccupancyMap& map, const VoxelBox& known,
+                                                      const VoxelIndex& camera) const {
   auto grid = std::make_shared<DistanceGrid>();
   grid->resolution = map.resolution();
   grid->box = Grown(known, kRoom, kLeastRoom);
   const auto max_cells = static_cast<double>(max_cells_);
   if (CellsOf(grid->box) > max_cells) grid->box = Grown(known, 0, kLeastRoom);
-  grid->cropped = CellsOf(grid->box) > max_cells;
-  if (grid->cropped) grid->box = Crop(grid->box, camera, max_cells);
+  if (CellsOf(grid->box) > max_cells) grid->box = Crop(grid->box, camera, max_cells);
   std::vector<Occupancy> voxels;
   map.Read(grid->box, &voxels);
   grid->cells.resize(voxels.size());
   std::transform(voxels.begin(), voxels.end(), grid->cells.begin(), [](Occupancy occupancy) {
     return static_cast<uint16_t>(static_cast<unsigned>(occupancy) << kDistanceBits);
   });
-  grid_ = std::move(grid);
+  return grid;
 }
 
 void DistanceField::FindDistances(const VoxelBox& box, DistanceGrid* grid) const {
@@ -203,12 +209,12 @@ void DistanceField::FindDistances(const VoxelBox& box, DistanceGrid* grid) const
     tbb::parallel_for(part.low[0], part.high[0] + 1, [&](int x) {
       for (int y = part.low[1]; y <= part.high[1]; ++y) {
         const size_t row = static_cast<size_t>(x - around.low[0]) * size(1) + static_cast<size_t>(y - around.low[1]);
-        function(&grid->cells[grid->CellOf({x, y, part.low[2]})],
+        function(x, y, &grid->cells[grid->CellOf({x, y, part.low[2]})],
                  &squares[row * size(2) + static_cast<size_t>(part.low[2] - around.low[2])]);
       }
     });
   };
-  rows_of(around, [&](const uint16_t* cells, int16_t* row) {
+  rows_of(around, [&](int /*x*/, int /*y*/, const uint16_t* cells, int16_t* row) {
     const auto is_obstacle = [&](size_t i) { return IsObstacle(static_cast<Occupancy>(cells[i] >> kDistanceBits)); };
     WithinRow(size(2), is_obstacle, row);
   });
@@ -216,9 +222,17 @@ void DistanceField::FindDistances(const VoxelBox& box, DistanceGrid* grid) const
   const auto length = [&](size_t i) { return static_cast<size_t>(box.high[i] - box.low[i] + 1); };
   squares = AcrossRows(squares, size(0), size(1), size(2), begin(1), length(1));
   squares = AcrossRows(squares, 1, size(0), size(1) * size(2), begin(0), length(0));
-  rows_of(box, [&](uint16_t* cells, const int16_t* row) {
+  const auto to_side = [&](size_t axis, int at) {
+    int voxels = kMaxDistanceVoxels;
+    if (grid->goes_on_below[axis]) voxels = std::min(voxels, at - grid->box.low[axis] + 1);
+    if (grid->goes_on_above[axis]) voxels = std::min(voxels, grid->box.high[axis] - at + 1);
+    return voxels;
+  };
+  rows_of(box, [&](int x, int y, uint16_t* cells, const int16_t* row) {
+    const int across = std::min(to_side(0, x), to_side(1, y));
     for (int i = 0; i <= box.high[2] - box.low[2]; ++i) {
-      cells[i] = static_cast<uint16_t>((cells[i] & ~kDistanceMask) | std::min<unsigned>(row[i], kMaxSquared));
+      const int most = std::min(across, to_side(2, box.low[2] + i));
+      cells[i] = static_cast<uint16_t>((cells[i] & ~kDistanceMask) | std::min<unsigned>(row[i], most * most));
     }
   });
 }
@@ -232,28 +246,30 @@ VoxelBox DistanceField::Update(const LiveOccupancy& occupancy, const LiveOccupan
     return {};
   }
   const VoxelIndex newest = VoxelOf(camera, map.resolution());
-  const bool anew = change.anew || !grid_ || !Covers(known, newest);
-  if (anew) Restart(map, known, newest);
-  auto grid = std::make_shared<DistanceGrid>(*grid_);
+  bool anew = change.anew || !grid_ || !Covers(known, newest);
+  const auto grid = anew ? MakeGrid(map, known, newest) : std::make_shared<DistanceGrid>(*grid_);
   grid->version = version;
   grid->origin = occupancy.origin();
+  for (size_t i = 0; i < 3; ++i) {
+    const bool below = known.low[i]<grid->box.low[i], above = known.high[i]> grid->box.high[i];
+    anew = std::exchange(grid->goes_on_below[i], below) != below || anew;
+    anew = std::exchange(grid->goes_on_above[i], above) != above || anew;
+  }
   VoxelBox moved;
-  if (!anew) {
-    for (const VoxelIndex& voxel : change.changed) {
-      if (!grid->box.Contains(voxel)) continue;
-      const size_t cell = grid->CellOf(voxel);
-      const Occupancy before = grid->OccupancyAt(cell), now = map.At(voxel);
-      if (before == now) continue;
-      grid->cells[cell] =
-          static_cast<uint16_t>(static_cast<unsigned>(now) << kDistanceBits | (grid->cells[cell] & kDistanceMask));
-      if (IsObstacle(before) == IsObstacle(now)) continue;
-      moved.Add(voxel);
-    }
+  for (const VoxelIndex& voxel : change.changed) {
+    if (!grid->box.Contains(voxel)) continue;
+    const size_t cell = grid->CellOf(voxel);
+    const Occupancy before = grid->OccupancyAt(cell), now = map.At(voxel);
+    if (before == now) continue;
+    grid->cells[cell] =
+        static_cast<uint16_t>(static_cast<unsigned>(now) << kDistanceBits | (grid->cells[cell] & kDistanceMask));
+    if (IsObstacle(before) == IsObstacle(now)) continue;
+    moved.Add(voxel);
   }
   VoxelBox region = grid->box;
   if (!anew) region = moved.empty() ? moved : Common(Grown(moved, 0, kMaxDistanceVoxels), grid->box);
   FindDistances(region, grid.get());
-  grid_ = std::move(grid);
+  grid_ = grid;
   return region;
 }
 

@@ -124,6 +124,7 @@ std::unique_ptr<OccupancyMap::Rays> OccupancyMap::FindRays(const PlacedKeyframe&
 }
 
 void OccupancyMap::Count(const Rays& rays, int sign) {
+  const size_t most_changed = limits_.max_bytes / 20 / sizeof(VoxelIndex);
   for (auto leaf = rays.voxels.cbeginLeaf(); leaf; ++leaf) {
     CountTree::LeafNodeType* counts = voxels_->counts.touchLeaf(leaf->origin());
     for (auto voxel = leaf->cbeginValueOn(); voxel; ++voxel) {
@@ -131,8 +132,9 @@ void OccupancyMap::Count(const Rays& rays, int sign) {
       const int64_t after = before + sign * (*voxel ? kHit : kMiss);
       counts->setValueOnly(voxel.pos(), after);
       counts->setActiveState(voxel.pos(), after != 0);
-      if (OccupancyOf(before) != OccupancyOf(after)) changed_.push_back(ToIndex(voxel.getCoord()));
+      if (changed_ && OccupancyOf(before) != OccupancyOf(after)) changed_->push_back(ToIndex(voxel.getCoord()));
     }
+    if (changed_ && changed_->size() > most_changed) changed_.reset();
   }
 }
 
@@ -157,7 +159,9 @@ void OccupancyMap::Remove(const PlacedKeyframe& keyframe) {
   openvdb::tools::pruneInactive(voxels_->counts);
 }
 
-std::vector<VoxelIndex> OccupancyMap::TakeChanged() { return std::exchange(changed_, {}); }
+std::optional<std::vector<VoxelIndex>> OccupancyMap::TakeChanged() {
+  return std::exchange(changed_, std::vector<VoxelIndex>());
+}
 
 Occupancy OccupancyMap::At(const VoxelIndex& voxel) const {
   return OccupancyOf(voxels_->counts.getValue({voxel[0], voxel[1], voxel[2]}));
@@ -282,19 +286,18 @@ LiveOccupancy::Change LiveOccupancy::Update(const PlacedKeyframes& map) {
     return change;
   }
   try {
-    change.anew = !map_ || map.voxel_size != voxel_size_ || map.origin != origin_;
-    double resolution = change.anew ? kOccupancyVoxels * map.voxel_size : map_->resolution();
-    for (bool fits = !change.anew && Follow(map); !fits; resolution *= 2) {
-      if (!change.anew) resolution *= 2;
+    if (map.voxel_size != voxel_size_ || map.origin != origin_) map_.reset();
+    double resolution = map_ ? 2 * map_->resolution() : kOccupancyVoxels * map.voxel_size;
+    for (; !map_ || !Follow(map); resolution *= 2) {
       change.anew = true;
       keyframes_.clear();
       map_ = std::make_unique<OccupancyMap>(resolution, limits_);
-      fits = Follow(map);
     }
     voxel_size_ = map.voxel_size;
     origin_ = map.origin;
-    change.changed = map_->TakeChanged();
-    if (change.anew) change.changed.clear();
+    auto changed = map_->TakeChanged();
+    change.anew = change.anew || !changed;
+    if (!change.anew) change.changed = std::move(*changed);
     return change;
   } catch (...) {  // what is half done cannot be gone on with
     Clear();

@@ -357,9 +357,10 @@ void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
               Concat(map.path_unmatched, " of ", map.path_poses));
   status->add("keyframes that the last optimized path would put too far away", map.path_too_far);
   if (map.path_too_far > 0) {
-    status->mergeSummary(DiagnosticStatus::WARN,
-                         Concat(map.path_too_far, " keyframes stay where they are: by the last optimized path they ",
-                                "would go farther than 2^30 voxels of size ", map.voxel_size, " from the origin"));
+    status->mergeSummary(
+        DiagnosticStatus::WARN,
+        Concat(map.path_too_far, " keyframes stay where they are: by the last optimized path they ",
+               "would go farther than ", kMaxMapVoxels, " voxels of size ", map.voxel_size, " from the origin"));
   }
   DescribeMesh(snapshot, status);
   for (const auto& [reason, entry] : snapshot.incidents) {

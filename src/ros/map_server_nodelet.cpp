@@ -142,6 +142,7 @@ class MapServerNodelet : public NodeletBase {
     });
     AddTrigger(&service_thread_, names::kPublishMap, [this] {
       WaitForArrived();
+      occupancy_output_->Request();
       return Concat("published ", map_output_->Publish(), " points");
     });
     const auto missing = [this] { return DescribeMissing(TakeSnapshot().mappers); };

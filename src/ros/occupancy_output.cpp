@@ -25,9 +25,12 @@ using acmp_mapping::GetDistances;
 constexpr double kDistanceRate = 5;  ///< Hz at most
 constexpr uint32_t kChangeQueue = 100;
 
-const PlacedKeyframe& NewestOf(const PlacedKeyframes& map) {
-  return *std::max_element(map.keyframes.begin(), map.keyframes.end(),
-                           [](const auto& a, const auto& b) { return a.stamp_ns < b.stamp_ns; });
+/// Of the mapper, if it has any in the map.
+const PlacedKeyframe& NewestOf(const PlacedKeyframes& map, const std::string& mapper) {
+  return *std::max_element(map.keyframes.begin(), map.keyframes.end(), [&](const auto& a, const auto& b) {
+    const bool is_a = a.key.mapper == mapper, is_b = b.key.mapper == mapper;
+    return is_a != is_b ? is_b : a.stamp_ns < b.stamp_ns;
+  });
 }
 
 geometry_msgs::Point ToPointMessage(const Eigen::Vector3d& p) {
@@ -59,6 +62,7 @@ sensor_msgs::PointCloud2Ptr ToSlice(const DistanceGrid& grid, const RigidTransfo
   sensor_msgs::PointCloud2Modifier fields(*cloud);
   constexpr auto kFloat = sensor_msgs::PointField::FLOAT32;
   fields.setPointCloud2Fields(4, "x", 1, kFloat, "y", 1, kFloat, "z", 1, kFloat, "distance", 1, kFloat);
+  if (known.empty()) return cloud;  // which an iterator cannot be made of
   fields.resize(known.size());
   sensor_msgs::PointCloud2Iterator<float> point(*cloud, "x");
   for (const VoxelIndex& voxel : known) {
@@ -100,19 +104,24 @@ void OccupancyOutput::PublishIfDue() {
     Set({});
   }
   if (!distances_wanted && grid_.getNumSubscribers() == 0) occupancy_.Clear();
-  if (map_output_->Header().frame_id.empty()) return PublishEmpty();
+  if (map_output_->Header().frame_id.empty()) return PublishEmpty("the map is empty: there are no distances");
   const uint64_t version = map_->version();
-  const bool grid = grid_pace_.IsDue(options_.map_publish_rate, grid_.getNumSubscribers(), version);
+  const bool grid =
+      is_requested_.exchange(false) || grid_pace_.IsDue(options_.map_publish_rate, grid_.getNumSubscribers(), version);
   const bool is_new = distances_wanted && !field_.grid();  // whoever asked waits
   const bool distances =
-      distances_wanted && (is_new || distance_pace_.IsDue(kDistanceRate, DistanceListeners() + 1, version));
+      is_new ? distance_pace_.IsTime()
+             : distances_wanted && distance_pace_.IsDue(kDistanceRate, DistanceListeners() + 1, version);
   if (!grid && !distances) return;
   if (grid) grid_pace_.Begin(version);
   if (distances) distance_pace_.Begin(version);
   try {
     Update(grid, distances);
   } catch (const std::exception& error) {
-    if (distances) Set({nullptr, {}, error.what()});
+    if (distances) {
+      field_.Clear();  // it may have missed changes
+      Set({nullptr, {}, error.what()});
+    }
     try {
       map_output_->CheckStopped();
       report_({"map_error", Concat(grid_.getTopic(), " or distances were not published: ", error.what())});
@@ -123,19 +132,21 @@ void OccupancyOutput::PublishIfDue() {
   if (distances) distance_pace_.End(kDistanceRate);
 }
 
-void OccupancyOutput::PublishEmpty() {
-  if (IsAskedFor()) Set({nullptr, {}, "the map is empty: there are no distances"});
-  if (header_.frame_id.empty()) return;
-  const std_msgs::Header header = std::exchange(header_, {});
+void OccupancyOutput::PublishEmpty(const std::string& failure) {
+  PublishNoDistances(failure);
   occupancy_.Clear();
+  if (!grid_header_.frame_id.empty()) grid_.publish(ToOccupancyGrid({}, std::exchange(grid_header_, {})));
+}
+
+void OccupancyOutput::PublishNoDistances(const std::string& failure) {
   field_.Clear();
-  grid_.publish(ToOccupancyGrid({}, header));
+  Set({nullptr, {}, IsAskedFor() ? failure : ""});
+  if (distance_header_.frame_id.empty()) return;
   auto slice = boost::make_shared<sensor_msgs::PointCloud2>();
-  slice->header = header;
-  slice_.publish(slice);
   auto change = boost::make_shared<DistanceChange>();
-  change->header = header;
+  slice->header = change->header = std::exchange(distance_header_, {});
   change->all = true;
+  slice_.publish(slice);
   change_.publish(change);
 }
 
@@ -152,10 +163,8 @@ void OccupancyOutput::Update(bool publish_grid, bool publish_distances) {
     missed_.changed.insert(missed_.changed.end(), change.changed.begin(), change.changed.end());
   }
   if (!occupancy_.map() || header.frame_id.empty()) {
-    if (publish_distances) Set({nullptr, {}, "the map has no points yet: there are no distances"});
-    return;
+    return PublishEmpty("the map has no points yet: there are no distances");
   }
-  header_ = header;
   const std::string coarse = map_output_->DescribeCoarse(*occupancy_.map(), map.voxel_size);
   if (!coarse.empty()) report_({"occupancy_coarse", "occupancy: " + coarse});
   if (publish_distances) PublishDistances(map, std::exchange(missed_, {}), version, header);
@@ -163,6 +172,7 @@ void OccupancyOutput::Update(bool publish_grid, bool publish_distances) {
 }
 
 void OccupancyOutput::PublishGrid(const PlacedKeyframes& map, const std_msgs::Header& header) {
+  grid_header_ = header;
   if (!options_.z_up && !ZPointsUp(map.keyframes)) {
     report_(
         {"occupancy_not_upright",
@@ -194,18 +204,20 @@ void OccupancyOutput::PublishGrid(const PlacedKeyframes& map, const std_msgs::He
 
 void OccupancyOutput::PublishDistances(const PlacedKeyframes& map, const LiveOccupancy::Change& change,
                                        uint64_t version, const std_msgs::Header& header) {
-  const PlacedKeyframe& newest = NewestOf(map);
+  const PlacedKeyframe& newest = NewestOf(map, mapper_);
+  mapper_ = newest.key.mapper;
   const auto before = field_.grid();
   const VoxelBox region = field_.Update(occupancy_, change, newest.world_from_cam.translation(), version);
   const auto grid = field_.grid();
-  if (!grid) return Set({nullptr, {}, "nothing of the map is known: there are no distances"});
+  if (!grid) return PublishNoDistances("nothing of the map is known: there are no distances");
+  distance_header_ = header;
   Set({grid, header, ""});
-  if (grid->cropped) {
-    report_(
-        {"distance_cropped",
-         Concat("distances are kept in a box of ", grid->size(0), " x ", grid->size(1), " x ", grid->size(2),
-                " voxels of ", grid->resolution, " about the newest camera: the whole map takes more than half of ",
-                "~memory_limit = ", options_.memory_limit_gb, " GB; raise it or ~voxel_size, or lower ~map_radius")});
+  if (grid->cropped()) {
+    report_({"distance_cropped",
+             Concat("distances are kept in a box of ", grid->size(0), " x ", grid->size(1), " x ", grid->size(2),
+                    " voxels of ", grid->resolution, " about the newest camera of ", mapper_,
+                    ": the whole map takes more than half of ", "~memory_limit = ", options_.memory_limit_gb,
+                    " GB; raise it or ~voxel_size, or lower ~map_radius")});
   }
   if (slice_.getNumSubscribers() > 0) {
     std_msgs::Header local = header;

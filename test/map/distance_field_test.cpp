@@ -130,7 +130,7 @@ TEST_F(DistanceFieldTest, MoreThanTheMemoryHoldsIsABoxAboutTheCamera) {
   DistanceField field(false, kBytes);
   Follow(all_, &field);
   const DistanceGrid& grid = *field.grid();
-  EXPECT_TRUE(grid.cropped);
+  EXPECT_TRUE(grid.cropped());
   EXPECT_LE(grid.size(0) * grid.size(1) * grid.size(2), 20000u);
   EXPECT_FALSE(std::isnan(grid.At(all_.keyframes.back().world_from_cam.translation()).distance));
   const auto before = field.grid();
@@ -140,6 +140,39 @@ TEST_F(DistanceFieldTest, MoreThanTheMemoryHoldsIsABoxAboutTheCamera) {
   Follow(all_, &field);
   EXPECT_FALSE(std::isnan(field.grid()->At(all_.keyframes.back().world_from_cam.translation()).distance))
       << "the box follows it";
+}
+
+TEST_F(DistanceFieldTest, DistancesInABoxAreAtMostThoseToWhereTheMapGoesOn) {
+  DistanceField whole_field(false, 1000000000), field(false, 8 * 20000);
+  Follow(all_, &whole_field);
+  field.Update(live_, {true, {}}, all_.keyframes.back().world_from_cam.translation(), 1);
+  const DistanceGrid &whole = *whole_field.grid(), &grid = *field.grid();
+  ASSERT_TRUE(grid.cropped());
+  size_t nearer = 0, same = 0;
+  VoxelIndex v;
+  for (v[0] = grid.box.low[0]; v[0] <= grid.box.high[0]; ++v[0]) {
+    for (v[1] = grid.box.low[1]; v[1] <= grid.box.high[1]; ++v[1]) {
+      for (v[2] = grid.box.low[2]; v[2] <= grid.box.high[2]; ++v[2]) {
+        const float distance = grid.DistanceAt(grid.CellOf(v)), in_all = whole.DistanceAt(whole.CellOf(v));
+        int to_side = kMaxDistanceVoxels;
+        for (size_t i = 0; i < 3; ++i) {
+          if (grid.goes_on_below[i]) to_side = std::min(to_side, v[i] - grid.box.low[i] + 1);
+          if (grid.goes_on_above[i]) to_side = std::min(to_side, grid.box.high[i] - v[i] + 1);
+        }
+        ASSERT_LE(distance, in_all) << "an obstacle beyond the box is nearer than is told";
+        ASSERT_NEAR(distance, std::min<double>(in_all, grid.resolution * to_side), 1e-5);  // float32
+        ++(distance < in_all ? nearer : same);
+      }
+    }
+  }
+  EXPECT_GT(nearer, 100u);
+  EXPECT_GT(same, 1000u);
+  // What lies beyond goes: distances are as far again as the box's own obstacles.
+  PlacedKeyframes newest = all_;
+  newest.keyframes.erase(newest.keyframes.begin(), newest.keyframes.end() - 1);
+  DistanceField again(false, 1000000000);
+  Follow(newest, &again);
+  EXPECT_FALSE(again.grid()->cropped());
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // A loop closure: the scene is mapped with poses that drift, then optimized_path brings the true ones.
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
@@ -10,6 +11,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <thread>
 
 #include <acmp_mapping/DistanceChange.h>
 #include <acmp_mapping/GetDistances.h>
@@ -23,6 +25,7 @@
 #include "acmp_mapping/map/map_mesh.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/map/occupancy_map.h"
+#include "acmp_mapping/ros/occupancy_output.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "ros/mapper_control.h"
 
@@ -356,8 +359,12 @@ TEST_F(MapTest, D_WhoListensLaterGetsTheWholeMesh) {
   EXPECT_TRUE(session().WaitForMesh(session().true_poses));
 }
 
-/// Planners would go on seeing obstacles that are gone.
+/// Planners would go on seeing obstacles that are gone, or be told of distances to them, asked for long ago.
 TEST_F(MapTest, E_ResetForgetsCorrectionsAndEmptiesWhatIsLatched) {
+  Recorder<acmp_mapping::DistanceChange> changes(session().mapper.nh, "distance_change");
+  Recorder<sensor_msgs::PointCloud2> slice(session().mapper.nh, "distance_slice");
+  ASSERT_TRUE(changes.WaitForPublisher() && slice.WaitForCount(1));
+  std::this_thread::sleep_for(std::chrono::duration<double>(OccupancyOutput::kAskedForS));
   ASSERT_TRUE(session().mapper.Call("reset") && session().mapper.CallMap("reset"));
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({"optimized paths = 0 received"}));
   // Who subscribes now may first get what this process last got, which was sent before.
@@ -371,6 +378,14 @@ TEST_F(MapTest, E_ResetForgetsCorrectionsAndEmptiesWhatIsLatched) {
       return message->markers[0].action == visualization_msgs::Marker::DELETEALL;
     });
   })) << "once more, for who has lost it";
+  EXPECT_TRUE(slice.WaitForNewest([](const auto& newest) { return newest.width == 0; }));
+  EXPECT_TRUE(changes.WaitForNewest([](const auto& newest) { return newest.all; }));
+  acmp_mapping::GetDistances call;
+  call.request.points.resize(1);
+  for (int i = 0; i < 2; ++i) {
+    ASSERT_TRUE(ros::service::call(session().mapper.nh.resolveName("/map_server/get_distances"), call));
+    EXPECT_FALSE(call.response.success);
+  }
 }
 
 /// Of a world whose z points forward heights tell nothing, though something of the map lies between them.

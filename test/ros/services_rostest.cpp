@@ -10,6 +10,7 @@
 #include <dynamic_reconfigure/config_tools.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <nav_msgs/OccupancyGrid.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <std_srvs/SetBool.h>
 
@@ -220,6 +221,8 @@ TEST_F(ServicesTest, PublishMapPublishesOnRequest) {
   const auto of_this_case = [&](const auto& m) { return m->header.stamp >= Scene().front().image.header.stamp; };
   const auto maps = map.messages();
   EXPECT_EQ(std::count_if(maps.begin(), maps.end(), of_this_case), 1) << "map_publish_rate is 0";
+  Recorder<nav_msgs::OccupancyGrid> occupancy(mapper().nh, "occupancy");
+  EXPECT_TRUE(occupancy.WaitForNewest([&](const auto& newest) { return newest.header.stamp == stamp; }));
 }
 
 TEST_F(ServicesTest, PauseDropsImagesAndSaysSo) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -41,7 +42,10 @@ class DistanceGrid {
   double resolution = 0;                             ///< unit of the poses
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< of the local coordinates, in the world
   VoxelBox box;
-  bool cropped = false;  ///< it does not have all of what is known
+  /// Along each axis, whether what is known goes on beyond the box, at its low and its high side: there may be
+  /// obstacles, so distances are at most those to that side.
+  std::array<bool, 3> goes_on_below = {}, goes_on_above = {};
+  bool cropped() const;  ///< it does not have all of what is known
 
  private:
   friend class DistanceField;
@@ -73,7 +77,9 @@ class DistanceField {
   }
   /// Whether the grid has what is known, or, if that is too much, enough about the camera.
   bool Covers(const VoxelBox& known, const VoxelIndex& camera) const;
-  void Restart(const OccupancyMap& map, const VoxelBox& known, const VoxelIndex& camera);
+  /// A grid without distances.
+  std::shared_ptr<DistanceGrid> MakeGrid(const OccupancyMap& map, const VoxelBox& known,
+                                         const VoxelIndex& camera) const;
   /// In a part of the grid, by its occupancy.
   void FindDistances(const VoxelBox& box, DistanceGrid* grid) const;
 

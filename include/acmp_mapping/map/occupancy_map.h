@@ -8,6 +8,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <vector>
 
@@ -75,8 +76,9 @@ class OccupancyMap {
   bool Insert(const std::vector<PlacedKeyframe>& keyframes);
   /// Takes out what Insert has added of exactly this keyframe.
   void Remove(const PlacedKeyframe& keyframe);
-  /// Voxels that have become occupied, free or unknown since the last call; some may be what they were before.
-  std::vector<VoxelIndex> TakeChanged();
+  /// Voxels that have become occupied, free or unknown since the last call; some may be what they were before. None:
+  /// any may have, as at the first call, or where they are too many.
+  std::optional<std::vector<VoxelIndex>> TakeChanged();
 
   Occupancy At(const VoxelIndex& voxel) const;
   /// Of all voxels of a box, z first, then y.
@@ -104,7 +106,7 @@ class OccupancyMap {
   const double resolution_;
   const OccupancyLimits limits_;
   std::unique_ptr<Voxels> voxels_;
-  std::vector<VoxelIndex> changed_;
+  std::optional<std::vector<VoxelIndex>> changed_;  ///< none: nobody has asked yet, or too many
 };
 
 /// Whether z of the world points up, by cameras that are tilted up or down, but hardly to a side (x is level), and

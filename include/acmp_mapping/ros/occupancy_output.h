@@ -18,8 +18,9 @@
 namespace acmp {
 
 /// The topics occupancy (latched), distance_slice (latched: distances of the plane through the newest camera that is
-/// most level in its image) and distance_change, and the service get_distances: all of one occupancy map, which follows
-/// the map. Nothing is computed, nor held in memory, while nobody listens or has asked for kAskedForS.
+/// most level in its image; of the first mapper) and distance_change, and the service get_distances: all of one
+/// occupancy map, which follows the map. Nothing is computed, nor held in memory, while nobody listens or has asked for
+/// kAskedForS.
 class OccupancyOutput {
  public:
   static constexpr double kAskedForS = 10;
@@ -33,6 +34,9 @@ class OccupancyOutput {
 
   /// Publishes what is due. May take minutes for a map that is there already: in a thread of its own, often.
   void PublishIfDue();
+
+  /// Has the topic occupancy published, whatever map_publish_rate says. In any thread.
+  void Request() { is_requested_ = true; }
 
   /// Waits for the first distances; ends with MapOutput::Stop. Throws InvalidInputError for too many or infinite points
   /// and an empty map, ProcessingError where distances cannot be computed. In another thread.
@@ -51,7 +55,9 @@ class OccupancyOutput {
   void PublishGrid(const PlacedKeyframes& map, const std_msgs::Header& header);
   void PublishDistances(const PlacedKeyframes& map, const LiveOccupancy::Change& change, uint64_t version,
                         const std_msgs::Header& header);
-  void PublishEmpty();
+  /// Takes back what was published. @param failure the answer to whoever asks for distances
+  void PublishEmpty(const std::string& failure);
+  void PublishNoDistances(const std::string& failure);
   void Set(Distances distances);
 
   const MapStore* const map_;
@@ -60,12 +66,15 @@ class OccupancyOutput {
   const std::function<void(const RejectedInput&)> report_;
   PublishPace grid_pace_, distance_pace_;
   std::atomic<double> asked_until_s_{0};  ///< steady clock
+  std::atomic<bool> is_requested_{false};
 
   // Of the thread of PublishIfDue.
   LiveOccupancy occupancy_;
   DistanceField field_;
-  LiveOccupancy::Change missed_;  ///< by the field, since its last update
-  std_msgs::Header header_;       ///< of what was published last; no frame: nothing
+  LiveOccupancy::Change missed_;                    ///< by the field, since its last update
+  std_msgs::Header grid_header_, distance_header_;  ///< of what was published last; no frame: nothing
+  std::string
+      mapper_;  ///< whose newest camera the slice, and a part of a map, lie at: the first one's, while it is there
 
   std::mutex mutex_;  ///< guards what follows
   std::condition_variable made_;
