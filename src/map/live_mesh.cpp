@@ -50,7 +50,7 @@ MeshUpdate LiveMesh::Update(bool make_again) {
   update.anew = std::exchange(begins_anew_, false);
   update.origin = origin_;
   size_t triangles = 0;
-  for (bool more = true; more && (triangles == 0 || Clock::now() < end);) {
+  for (bool more = true, is_first = true; more && (is_first || Clock::now() < end); is_first = false) {
     const size_t before = update.blocks.size();
     more = Tell(options_.max_triangles - triangles, &update);
     for (size_t i = before; i < update.blocks.size(); ++i) triangles += update.blocks[i].mesh.triangles.size();
@@ -246,6 +246,7 @@ void LiveMesh::Mark(Since Block::*since, const std::vector<VolumeBlock>& blocks)
     const auto [block, is_new] = blocks_.try_emplace(place);
     if (is_new) block->second.number = next_number_++;
     if (!(block->second.*since)) block->second.*since = now;
+    if (block->second.repeats) block->second.once = now;  // what is told instead is told for the first time
   }
 }
 
