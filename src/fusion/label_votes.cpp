@@ -11,7 +11,7 @@
 namespace acmp {
 namespace {
 
-constexpr int kReach = 1;  ///< px: around a point's place in the first view other pixels vote, too
+constexpr int kReach = 1;  ///< px: around a point's place in its own view other pixels vote, too
 
 /// Of the pixels up to `reach` px around one that show a surface at a depth.
 void AddVotes(const LabeledView& view, int at_col, int at_row, float depth, float max_relative_depth, int reach,
@@ -67,7 +67,7 @@ void VoteForLabels(const std::vector<LabeledView>& views, const PosedCamera& ref
             place.z() > 0 && u >= 0 && w >= 0 && u < views[v].depth.width() && w < views[v].depth.height();
         if (!is_inside) continue;
         AddVotes(views[v], static_cast<int>(u), static_cast<int>(w), static_cast<float>(place.z()),
-                 static_cast<float>(max_relative_depth), v == 0 ? kReach : 0, &votes);
+                 static_cast<float>(max_relative_depth), views[v].is_own ? kReach : 0, &votes);
       }
       point.label = votes.Winner();
     }

@@ -37,16 +37,18 @@ std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const KeyframeSteps& steps) {
   return maps;
 }
 
-/// Those that have labels, the reference first.
+/// Those that have labels.
 std::vector<LabeledView> LabeledViewsOf(const EngineProblem& problem, DepthEngine* engine) {
   std::vector<LabeledView> views;
-  const auto add = [&](const EngineView& view) {
+  const auto add = [&](const EngineView& view, bool is_own) {
     if (view.frame->labels.empty() || !view.estimate) return;
-    views.push_back(
-        {{view.frame->camera, view.cam_from_world()}, &view.frame->labels, engine->DownloadDepth(view.estimate)});
+    views.push_back({{view.frame->camera, view.cam_from_world()},
+                     &view.frame->labels,
+                     engine->DownloadDepth(view.estimate),
+                     is_own});
   };
-  add(problem.reference);
-  for (const EngineView& source : problem.sources) add(source);
+  add(problem.reference, true);
+  for (const EngineView& source : problem.sources) add(source, false);
   return views;
 }
 

@@ -63,7 +63,10 @@ Mask FramePreparation::MaskOf(const KeyframeInput& input, const LabelImage& labe
       CheckMaskFile(fixed_mask_, options_.mask_file, camera);
       mask = fixed_mask_.Clone();
     }
-    if (input.mask) mask = IntersectMasks(std::move(mask), DecodeMask(*input.mask, camera));
+    if (input.mask) {
+      Mask own = DecodeMask(*input.mask, camera);  // before the other one is moved from
+      mask = IntersectMasks(std::move(mask), std::move(own));
+    }
   } catch (const InvalidInputError& error) {
     report_({"bad_mask", Concat("image ", FormatStamp(input.stamp_ns), " is used without it: ", error.what())});
   }

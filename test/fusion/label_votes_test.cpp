@@ -15,7 +15,7 @@ SurfacePoint PointAt(float x, float y, float z, Label label = 0, float confidenc
   return {{x, y, z}, {0, 0, -1}, {}, label, confidence};
 }
 
-/// Views from the same place, each of one class, and of one depth.
+/// Views from the same place, each of one class, and of one depth; the first is the points' own.
 struct Votes {
   std::vector<LabelImage> images;
   std::vector<LabeledView> views;
@@ -23,7 +23,7 @@ struct Votes {
   explicit Votes(const std::vector<std::pair<Label, float>>& labels_and_depths) {
     for (const auto& [label, depth] : labels_and_depths) images.emplace_back(9, 7, label);
     for (size_t i = 0; i < images.size(); ++i) {
-      views.push_back({{kCamera}, &images[i], DepthMap(9, 7, labels_and_depths[i].second)});
+      views.push_back({{kCamera}, &images[i], DepthMap(9, 7, labels_and_depths[i].second), i == 0});
     }
   }
   Label Of(const SurfacePoint& point) const {
@@ -50,6 +50,9 @@ TEST(VoteForLabels, InTheOwnViewThePixelsAroundVoteThatShowTheSameSurface) {
   LabelImage& labels = votes.images[0];
   labels(4, 3) = kMetal;  // a wrong pixel
   EXPECT_EQ(votes.Of(PointAt(0, 0, 2)), kWood);
+  votes.views[0].is_own = false;
+  EXPECT_EQ(votes.Of(PointAt(0, 0, 2)), kMetal) << "of another view the pixel alone";
+  votes.views[0].is_own = true;
   for (int row = 2; row <= 4; ++row) {  // a post, a pixel wide
     for (const int col : {3, 5}) votes.views[0].depth(col, row) = 2.5f;
     labels(4, row) = kMetal;

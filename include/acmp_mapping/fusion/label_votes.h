@@ -36,10 +36,11 @@ struct LabeledView {
   PosedCamera camera;
   const LabelImage* labels = nullptr;  ///< of the camera's size
   DepthMap depth = {};                 ///< the same; z, 0: unknown
+  bool is_own = false;                 ///< it is that of the points
 };
 
 /// Gives each point the label of most of the views' pixels that show it: those where the view's depth is the point's
-/// within a share of it; of the first view, the point's own, the 3 x 3 around it. Of labels with equally many that
+/// within a share of it; of the points' own view the 3 x 3 around it. Of labels with equally many that
 /// which comes first.
 /// @param reference the camera whose frame the points are in
 /// @param max_relative_depth (0, 1)
