@@ -29,6 +29,11 @@ auto Nearest(Received& received, int64_t stamp_ns, bool unused = false) -> declt
   return nearest;
 }
 
+std::string NameOf(size_t stream) {
+  constexpr const char* kNames[] = {"mask", "prior depth", "labels"};
+  return stream < kSourceStream ? kNames[stream] : Concat("image of source camera ", stream - kSourceStream + 1);
+}
+
 std::string DescribeSecondPose(const PoseSample& first, const PoseSample& second) {
   const RigidTransform step = first.received.inverse() * second.received;
   const double degrees = Eigen::AngleAxisd(step.linear()).angle() * 180 / M_PI;
@@ -74,13 +79,11 @@ void InputMatcher::AddImage(ImageSample image) {
 
 void InputMatcher::AddPose(PoseSample pose) {
   const int64_t stamp_ns = pose.stamp_ns;
-  const auto& received = poses_.received;
-  for (auto p = received.rbegin(); p != received.rend() && p->stamp_ns >= stamp_ns; ++p) {
-    if (p->stamp_ns > stamp_ns + kTimeJumpNs) break;  // of the run before
-    if (p->stamp_ns != stamp_ns) continue;
-    const bool is_sent_again = p->sample.received.isApprox(pose.received) &&
-                               p->sample.world_frame == pose.world_frame && p->sample.child_frame == pose.child_frame;
-    if (!is_sent_again) events_.push_back(RejectedInput{"duplicate_pose", DescribeSecondPose(p->sample, pose)});
+  if (const auto* first = poses_.Find(stamp_ns)) {
+    const PoseSample& known = first->sample;
+    const bool is_sent_again = known.received.isApprox(pose.received) && known.world_frame == pose.world_frame &&
+                               known.child_frame == pose.child_frame;
+    if (!is_sent_again) events_.push_back(RejectedInput{"duplicate_pose", DescribeSecondPose(known, pose)});
     return;
   }
   new_poses_ns_.push_back(stamp_ns);
@@ -98,6 +101,13 @@ size_t InputMatcher::CompanionCapacity() const {
 
 void InputMatcher::AddCompanion(size_t stream, ImageSample sample) {
   const int64_t stamp_ns = sample.stamp_ns;
+  if (companions_.at(stream).buffer.Find(stamp_ns)) {
+    events_.push_back(RejectedInput{
+        "duplicate_companion",
+        Concat("two messages with the ", NameOf(stream), " have the stamp ", FormatStamp(stamp_ns),
+               ": the first one is used. Where two nodes publish them, as for two mappers, give each its own topic")});
+    return;
+  }
   companions_.at(stream).buffer.Add(stamp_ns, std::move(sample), CompanionCapacity());
 }
 
@@ -270,14 +280,14 @@ bool InputMatcher::CompanionsAreSettled(const WaitingImage& image, double now_s)
 RejectedInput InputMatcher::DescribeMissingCompanion(size_t stream, int64_t stamp_ns) const {
   const std::string image = Concat("image ", FormatStamp(stamp_ns));
   const std::string wait = Concat("~mask_wait ", options_.mask_wait_s, " s)");
-  if (stream == kMaskStream) return {"no_mask", image + " is used as a whole: no mask with its stamp came (" + wait};
-  if (stream == kPriorDepthStream) {
-    return {"no_prior_depth", image + " goes without: no prior depth with its stamp came (" + wait};
+  constexpr const char* kReasons[] = {"no_mask", "no_prior_depth", "no_labels"};
+  if (stream < kSourceStream) {
+    const char* use = stream == kMaskStream ? " is used as a whole" : " goes without";
+    return {kReasons[stream], Concat(image, use, ": no ", NameOf(stream), " with its stamp came (", wait)};
   }
-  if (stream == kLabelStream) return {"no_labels", image + " goes without: no labels with its stamp came (" + wait};
   return {"no_source_image",
-          Concat(image, " goes without source camera ", stream - kSourceStream + 1, ": no image within ",
-                 ToMs(ToNs(options_.source_tolerance_s)), " ms of it came (~source_tolerance, ", wait)};
+          Concat(image, " goes without: no ", NameOf(stream), " within ", ToMs(ToNs(options_.source_tolerance_s)),
+                 " ms of it came (~source_tolerance, ", wait)};
 }
 
 void InputMatcher::Emit(WaitingImage image) {

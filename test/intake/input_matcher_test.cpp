@@ -333,7 +333,18 @@ TEST(Companions, ASourceImageMayBeAsFarAsItsTolerance) {
   const Taken taken = m.Take(10.5);
   EXPECT_EQ(taken.matches.at(0).companions.at(kSourceStream), near);
   EXPECT_THAT(taken.reasons, ElementsAre("no_source_image"));
-  EXPECT_THAT(taken.message, HasAll("without source camera 2", "within 5 ms"));
+  EXPECT_THAT(taken.message, HasAll("source camera 2", "within 5 ms"));
+}
+
+TEST(Companions, TellsOfASecondOneOfOneStampAndUsesTheFirst) {
+  Matching m;
+  const Picture first = m.Companion(kMaskStream, 0);
+  m.Companion(kMaskStream, 0);  // of another mapper's network
+  m.Companion(kLabelStream, 0);
+  m.Posed(0);
+  const Taken taken = m.Take();
+  EXPECT_THAT(taken.reasons, ElementsAre("duplicate_companion"));
+  EXPECT_EQ(taken.matches.at(0).companions.at(kMaskStream), first);
 }
 
 TEST(Companions, ThoseOfTheRunBeforeAreForgotten) {

@@ -90,7 +90,7 @@ class NetworksTest(unittest.TestCase):
                    for text in [status.message] + [f"{value.key}: {value.value}" for value in status.values])
 
     def setUp(self):
-        self.received = {topic: [] for topic in ("/acmp/depth/image_rect", "/slam/prior_depth", "/slam/mask")}
+        self.received = {topic: [] for topic in ("/acmp/depth/image_rect", "/acmp/prior_depth", "/acmp/mask")}
         subscribers = [rospy.Subscriber(topic, Image, messages.append) for topic, messages in self.received.items()]
         for subscriber in subscribers:
             self.addCleanup(subscriber.unregister)
@@ -149,21 +149,21 @@ class NetworksTest(unittest.TestCase):
             message.header.stamp += later
         self.start(depth_network={**tiny, "kind": "inverse_depth"},
                    mask_network={**tiny, "kind": "probability", "threshold": BRIGHT, "grow": 1})
-        for node, topic in (("depth_network", "/slam/prior_depth"), ("mask_network", "/slam/mask")):
+        for node, topic in (("depth_network", "/acmp/prior_depth"), ("mask_network", "/acmp/mask")):
             for receiver in ("/acmp/dense_mapper", rospy.get_name()):
                 wait_for(lambda n=node, pair=(receiver, topic): pair in receivers("/acmp/" + n), (node, receiver))
         wait_for(lambda: self.publishers["/camera/image_raw"].get_num_connections() >= 3, "both networks")
 
         # Poses, when the mapper has all maps and masks: so nothing depends on how long an image waits.
         self.send(lambda topic: topic != "/slam/pose")
-        for topic in ("/slam/prior_depth", "/slam/mask"):
+        for topic in ("/acmp/prior_depth", "/acmp/mask"):
             wait_for(lambda topic=topic: self.told(topic, f"{KEYFRAMES} received"), topic)
         self.send(lambda topic: topic == "/slam/pose")
         depths = self.depths()
 
         images = {m.header.stamp: m for topic, m in self.inputs if topic == "/camera/image_raw"}
         self.assertEqual(depths.keys(), images.keys())
-        masks, priors = ({m.header.stamp: m for m in self.received[topic]} for topic in ("/slam/mask", "/slam/prior_depth"))
+        masks, priors = ({m.header.stamp: m for m in self.received[topic]} for topic in ("/acmp/mask", "/acmp/prior_depth"))
         for stamp, image in images.items():
             self.assertEqual(image.encoding, "rgb8")
             bright = pixels(image, np.uint8).mean(2)

@@ -114,6 +114,11 @@ class LaunchFiles(unittest.TestCase):
                     self.assertEqual((node.namespace, node.required), ("/acmp/", False))
                     self.assertLessEqual(given.items(), remaps_of(config, name).items())
 
+    def test_what_a_mappers_networks_make_is_its_own(self):
+        config = load("dense_mapper.launch", namespace="acmp/right", mask_network="sky.yaml")
+        self.assertEqual([remaps_of(config, node)["mask"] for node in ("dense_mapper", "mask_network")], ["mask"] * 2)
+        self.assertEqual(remaps_of(config)["labels"], "/slam/labels")
+
     def test_nodelets_are_loaded_without_bonds_and_a_launch_whose_nodelet_cannot_start_ends(self):
         for standalone in "true", "false":
             config = load("dense_mapper.launch", standalone=standalone)

@@ -90,6 +90,15 @@ class StreamBuffer {
     if (received.size() > capacity) received.pop_front();
   }
 
+  /// What has come with a stamp, in this run; null: nothing.
+  const Received* Find(int64_t stamp_ns) const {
+    for (auto r = received.rbegin(); r != received.rend() && r->stamp_ns >= stamp_ns; ++r) {
+      if (r->stamp_ns > stamp_ns + kTimeJumpNs) break;  // of the run before
+      if (r->stamp_ns == stamp_ns) return &*r;
+    }
+    return nullptr;
+  }
+
   /// Whether one of these stamps or a later one has come. A stamp that the stream has left far behind again, as it was
   /// of the future, tells nothing.
   /// @param latest_ns holds for the first image of a run: what came late of the run before tells nothing of it
