@@ -291,7 +291,7 @@ void RigCheck::Add(const Frame& keyframe, const Frame& companion) {
   Pair pair = {MakeSmallImage(keyframe), MakeSmallImage(companion), keyframe.landmarks_in_world};
   if (pair.image.gray.empty() || pair.other.gray.empty()) return;
   const std::lock_guard<std::mutex> lock(mutex_);
-  pairs_.push_back(std::move(pair));
+  pairs_.push_back(std::make_shared<const Pair>(std::move(pair)));
   if (pairs_.size() > kKeptPairs) pairs_.pop_front();
   ++added_;
 }
@@ -301,21 +301,27 @@ void RigCheck::Clear() {
   pairs_.clear();
   added_ = judged_ = 0;
   verdict_.clear();
+  ++cleared_;
 }
 
 std::string RigCheck::Judge(bool at_end) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  if (at_end ? added_ > judged_ : added_ >= std::max(kFirstPairs, 2 * judged_)) {
-    judged_ = added_;
-    verdict_ = JudgeRig(Match());
-  }
+  std::unique_lock<std::mutex> lock(mutex_);
+  if (at_end ? added_ == judged_ : added_ < std::max(kFirstPairs, 2 * judged_)) return verdict_;
+  judged_ = added_;
+  const Pairs pairs = pairs_;
+  const uint64_t cleared = cleared_;
+  lock.unlock();  // the mapper adds pairs meanwhile
+  const std::string verdict = JudgeRig(Match(pairs));
+  lock.lock();
+  if (cleared == cleared_) verdict_ = verdict;
   return verdict_;
 }
 
-RigMatches RigCheck::Match() const {
+RigMatches RigCheck::Match(const Pairs& pairs) {
   RigMatches all;
   std::optional<FeatureImage> before;
-  for (const Pair& pair : pairs_) {
+  for (const auto& kept : pairs) {
+    const Pair& pair = *kept;
     const RigidTransform source_from_cam = pair.other.cam_from_world * pair.image.cam_from_world.inverse();
     if (!before) all.source_from_cam = source_from_cam;
     FeatureImage image = FindFeatures(pair.image);

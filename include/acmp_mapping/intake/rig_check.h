@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -40,11 +41,13 @@ class RigCheck {
     SmallImage image, other;
     std::vector<Eigen::Vector3d> landmarks_in_world;
   };
-  RigMatches Match() const;
+  using Pairs = std::deque<std::shared_ptr<const Pair>>;
+  static RigMatches Match(const Pairs& pairs);
 
   std::mutex mutex_;
-  std::deque<Pair> pairs_;
+  Pairs pairs_;
   uint64_t added_ = 0, judged_ = 0;  ///< pairs; and as many when they were judged last
+  uint64_t cleared_ = 0;             ///< how often
   std::string verdict_;
 };
 
