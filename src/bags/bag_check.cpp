@@ -67,6 +67,16 @@ std::vector<BagTopic> ReadTopics(const Bags& bags) {
   return topics;
 }
 
+/// Null for another type, and for a message that is damaged: what plays it says so.
+template <class Message>
+boost::shared_ptr<Message> ReadIfWhole(const rosbag::MessageInstance& record) {
+  try {
+    return InstantiateChecked<Message>(record);
+  } catch (const InvalidInputError&) {
+    return nullptr;
+  }
+}
+
 /// Chooses what a user has not named, by types and names.
 class TopicChooser {
  public:
@@ -75,7 +85,7 @@ class TopicChooser {
     WithView(bags, rosbag::TypeQuery(ImageTypes().front()), [&](rosbag::View& view) {
       for (const rosbag::MessageInstance& record : view) {
         if (!seen.insert(record.getTopic()).second) continue;
-        const auto image = record.instantiate<sensor_msgs::Image>();
+        const auto image = ReadIfWhole<sensor_msgs::Image>(record);
         const std::string encoding = image ? image->encoding : "";
         namespace encodings = sensor_msgs::image_encodings;
         if (encoding == encodings::TYPE_16UC1 || encoding == encodings::TYPE_32FC1) depth_.insert(record.getTopic());
@@ -85,15 +95,21 @@ class TopicChooser {
 
   TopicChoice Choose(const TopicChoice& wanted) const {
     TopicChoice chosen = wanted;
-    const auto named_mask = [&](const BagTopic& topic) {
-      return boost::algorithm::ends_with(topic.name, "mask") && topic.name != wanted.image;
+    CheckRange<size_t>("number of --source-image", wanted.source_images.size(), 0, kMaxSourceCameras);
+    CheckRange<size_t>("number of --source-camera-info", wanted.source_camera_infos.size(), 0,
+                       wanted.source_images.size());
+    const auto named = [&](const char* name) {
+      return [&wanted, name](const BagTopic& topic) {
+        return boost::algorithm::ends_with(topic.name, name) && topic.name != wanted.image;
+      };
     };
-    chosen.mask = Find({ImageTypes().front()}, wanted.mask, "--mask", named_mask);
+    chosen.mask = Find({ImageTypes().front()}, wanted.mask, "--mask", named(names::kMask));
+    chosen.labels = Find({ImageTypes().front()}, wanted.labels, "--labels", named(names::kLabels));
     const auto any = [](const BagTopic&) { return true; };
-    const auto no_mask = [&](const BagTopic& topic) { return topic.name != chosen.mask && !HasLabels(topic); };
-    const auto picture = [&](const BagTopic& topic) { return no_mask(topic) && depth_.count(topic.name) == 0; };
+    const auto seen = [&](const BagTopic& topic) { return IsSeen(topic, chosen); };
+    const auto picture = [&](const BagTopic& topic) { return seen(topic) && depth_.count(topic.name) == 0; };
     chosen.image = Find(ImageTypes(), wanted.image, "--image", picture);
-    if (chosen.image.empty()) chosen.image = Find(ImageTypes(), "", "--image", no_mask);
+    if (chosen.image.empty()) chosen.image = Find(ImageTypes(), "", "--image", seen);
     const std::string beside = InfoBeside(chosen.image);
     chosen.camera_info =
         Find(kInfoTypes, wanted.camera_info.empty() ? beside : wanted.camera_info, "--camera-info", any);
@@ -130,11 +146,11 @@ class TopicChooser {
   }
 
   /// Others of these types, each after a space.
-  std::string Others(const TopicTypes& types, const std::string& chosen, const std::string& mask) const {
+  std::string Others(const TopicTypes& types, const std::string& used, const TopicChoice& chosen) const {
     std::string others;
     for (const BagTopic& topic : topics_) {
       const bool fits = std::find(types.begin(), types.end(), topic.type) != types.end();
-      if (fits && topic.name != chosen && topic.name != mask && !HasLabels(topic)) others += " " + topic.name;
+      if (fits && topic.name != used && IsSeen(topic, chosen)) others += " " + topic.name;
     }
     return others;
   }
@@ -147,8 +163,7 @@ class TopicChooser {
     for (const BagTopic& topic : topics_) {
       if (images == topics_.end() || topic.type != images->type || topic.messages != images->messages) continue;
       const std::string info = InfoBeside(topic.name);
-      if (topic.name == chosen.image || topic.name == chosen.mask || info.empty() || info == chosen.camera_info)
-        continue;
+      if (topic.name == chosen.image || !IsSeen(topic, chosen) || info.empty() || info == chosen.camera_info) continue;
       TopicChoice pair = chosen;
       pair.source_images = {topic.name};
       pair.source_camera_infos = {info};
@@ -158,7 +173,11 @@ class TopicChooser {
   }
 
  private:
-  static bool HasLabels(const BagTopic& topic) { return boost::algorithm::ends_with(topic.name, names::kLabels); }
+  /// It may be what a camera sees, no mask of it nor labels.
+  bool IsSeen(const BagTopic& topic, const TopicChoice& chosen) const {
+    return topic.name != chosen.mask && topic.name != chosen.labels &&
+           !boost::algorithm::ends_with(BaseOf(topic.name), names::kLabels);
+  }
   /// The wanted topic, or the preferred one, with the most messages, that is suitable; empty when there is none.
   std::string Find(const TopicTypes& types, const std::string& wanted, const char* option,
                    const std::function<bool(const BagTopic&)>& is_suitable) const {
@@ -190,13 +209,13 @@ std::string WorldOfTf(const Bags& bags, const std::string& image_topic) {
   };
   WithView(bags, rosbag::TopicQuery(image_topic), [&](rosbag::View& view) {
     if (view.size() == 0) return;
-    take_header(view.begin()->instantiate<sensor_msgs::Image>());
-    take_header(view.begin()->instantiate<sensor_msgs::CompressedImage>());
+    take_header(ReadIfWhole<sensor_msgs::Image>(*view.begin()));
+    take_header(ReadIfWhole<sensor_msgs::CompressedImage>(*view.begin()));
   });
   std::map<std::string, std::string> parents;
   WithView(bags, rosbag::TopicQuery(std::vector<std::string>{names::kTf, names::kTfStatic}), [&](rosbag::View& view) {
     for (const rosbag::MessageInstance& record : view) {
-      const auto message = InstantiateChecked<tf2_msgs::TFMessage>(record);
+      const auto message = ReadIfWhole<tf2_msgs::TFMessage>(record);
       if (!message) continue;
       for (const auto& t : message->transforms) {
         parents[StripLeadingSlash(t.child_frame_id)] = StripLeadingSlash(t.header.frame_id);
@@ -242,6 +261,7 @@ Wiring MakeWiring(const TopicChooser& topics, const TopicChoice& chosen, const N
   const bool is_new = topics.TypeOfTopic(chosen.sparse_points) == CloudTypes().front();
   wiring.Remap(is_new ? names::kSparsePoints : names::kSparsePointsV1, chosen.sparse_points);
   wiring.Remap(names::kMask, chosen.mask);
+  wiring.Remap(names::kLabels, chosen.labels);
   const size_t sources = chosen.source_images.size();
   if (sources == 1) wiring.Set("stereo", "true");
   if (sources > 1) wiring.Set("source_cameras", Concat(sources));
@@ -411,7 +431,7 @@ BagReport CheckOpened(const Bags& bags, const BagCheckOptions& asked) {
                {PoseTypes(), chosen.pose, asked.topics.pose, "--pose"},
                {CloudTypes(), chosen.sparse_points, asked.topics.sparse_points, "--sparse-points"}};
   for (const auto& kind : kinds) {
-    const std::string others = topics.Others(kind.types, kind.chosen, chosen.mask);
+    const std::string others = topics.Others(kind.types, kind.chosen, chosen);
     if (!kind.wanted.empty() || kind.chosen.empty() || others.empty()) continue;
     findings.Add(Severity::kWarning, "checked ", kind.chosen, "; there is also", others, "; choose with ", kind.option);
   }

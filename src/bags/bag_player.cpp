@@ -74,10 +74,11 @@ InputSink BagPlayer::MakeSink() {
 
 DenseMapper::Callbacks BagPlayer::MakeCallbacks() {
   DenseMapper::Callbacks callbacks;
-  callbacks.on_refined = [this](const KeyframeDepthPtr&) { ++mapped_; };
+  callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { mapped_.insert(maps->frame->id); };
+  callbacks.on_refined_again = callbacks.on_refined;
   callbacks.on_drop = [this](const KeyframeDrop& drop) { Report({drop.reason, drop.message, true}); };
-  callbacks.on_withdrawn = [this](const KeyframeDepthPtr&, const std::string& message) {
-    --mapped_;
+  callbacks.on_withdrawn = [this](const KeyframeDepthPtr& maps, const std::string& message) {
+    mapped_.erase(maps->frame->id);
     Report({"poses_contradict", message, true});
   };
   callbacks.on_problem = [this](const std::string& reason, const std::string& message) { Report({reason, message}); };
@@ -121,7 +122,13 @@ void BagPlayer::Play(const rosbag::View& records) {
   deliver(intake_.TakeAll());
   mapper_.Flush();
   FindReading();
-  rig_ = preparation_.JudgeRigs(true);
+  JudgeRigs();
+}
+
+void BagPlayer::JudgeRigs() {
+  const std::string verdict = preparation_.JudgeRigs(true);
+  if (!verdict.empty()) rig_ = verdict;
+  preparation_.ForgetRigs();
 }
 
 void BagPlayer::Dispatch(IntakeEvent event) {
@@ -181,7 +188,7 @@ void BagPlayer::FindReading() {
 void BagPlayer::StartOver() {
   FindReading();
   readings_.Clear();
-  preparation_.ForgetRigs();
+  JudgeRigs();
   gate_.Reset();
   mapper_.Flush();
   mapper_.Reset();
@@ -206,7 +213,7 @@ MapperSnapshot BagPlayer::Snapshot() const {
   snapshot.sync_tolerance_s = options_.matcher.sync_tolerance_s;
   snapshot.drops = incidents_.entries();
   snapshot.images_dropped = incidents_.images();
-  snapshot.worker.outputs.refined = mapped_;
+  snapshot.worker.outputs.refined = mapped();
   snapshot.worker.pose_checks = mapper_.pose_checks();
   snapshot.worker.rig = rig_;
   AddIntake(intake_, &snapshot);

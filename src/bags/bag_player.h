@@ -2,6 +2,7 @@
 
 #include <deque>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -47,7 +48,7 @@ class BagPlayer {
   const KeyframeIntake& intake() const { return intake_; }
   uint64_t taken() const { return taken_; }  ///< images that were matched and could be read
   uint64_t tried() const { return tried_; }
-  uint64_t mapped() const { return mapped_; }  ///< of these
+  uint64_t mapped() const { return mapped_.size(); }  ///< of these
 
  private:
   InputSink MakeSink();
@@ -57,6 +58,7 @@ class BagPlayer {
   void TakeKeyframe(const KeyframeInput& input);
   void FindReading();
   void StartOver();
+  void JudgeRigs();
   void Report(RejectedInput rejected);
 
   const NodeOptions& options_;
@@ -73,7 +75,8 @@ class BagPlayer {
   ReadingVerdict verdict_;
   DepthEngineBackend backend_ = MakeDepthEngine(Device::kCpu, 0);
   DenseMapper mapper_;
-  uint64_t matched_ = 0, taken_ = 0, not_chosen_ = 0, tried_ = 0, mapped_ = 0, next_reading_ = 10;
+  uint64_t matched_ = 0, taken_ = 0, not_chosen_ = 0, tried_ = 0, next_reading_ = 10;
+  std::set<int64_t> mapped_;  ///< ids of frames that have refined maps
   std::string rig_;
   std::vector<Finding> told_;
 };

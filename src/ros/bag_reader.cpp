@@ -236,8 +236,11 @@ void ReadBag(const std::filesystem::path& path, const char* when_cut_off,
     read(bag);
   } catch (const rosbag::BagUnindexedException&) {
     throw InvalidInputError(Concat(path, ": has no index, so it was cut off; ", when_cut_off));
-  } catch (const std::exception& error) {  // rosbag's, and out of memory or range from corrupt lengths
-    if (opened && dynamic_cast<const InvalidInputError*>(&error)) throw;
+  } catch (const std::exception& error) {
+    // Of a bag: rosbag's and roscpp's, and out of memory or range from corrupt lengths.
+    const bool is_of_bag = dynamic_cast<const ros::Exception*>(&error) || dynamic_cast<const std::bad_alloc*>(&error) ||
+                           dynamic_cast<const std::logic_error*>(&error);
+    if (opened && !is_of_bag) throw;
     throw InvalidInputError(Concat(path, ": is truncated, corrupt or not a bag: ", error.what()));
   }
 }

@@ -16,6 +16,7 @@ const char* RoleOf(const acmp::BagTopic& topic, const acmp::TopicChoice& chosen)
   if (topic.name == chosen.pose) return "pose";
   if (topic.name == chosen.sparse_points) return "sparse_points";
   if (topic.name == chosen.mask) return "mask";
+  if (topic.name == chosen.labels) return "labels";
   const auto is_one_of = [&](const auto& names) {
     return std::find(names.begin(), names.end(), topic.name) != names.end();
   };
@@ -84,6 +85,8 @@ int main(int argc, char** argv) {
   app.add_option("--pose", options.topics.pose, "Pose, odometry or transform topic")->type_name("TOPIC");
   app.add_option("--sparse-points", options.topics.sparse_points, "Sparse points")->type_name("TOPIC");
   app.add_option("--mask", options.topics.mask, "Masks, mono8; by default the Image topic named ...mask")
+      ->type_name("TOPIC");
+  app.add_option("--labels", options.topics.labels, "Classes of pixels; by default the Image topic named ...labels")
       ->type_name("TOPIC");
   app.add_option("--source-image", options.topics.source_images,
                  "Images of source cameras, as the mapper's source_image")

@@ -372,6 +372,10 @@ TEST_F(CheckBagTest, AskedForTopics) {
   EXPECT_THROW(Check({}, options), InvalidInputError);
   options.topics.image = "/image";
   EXPECT_NO_THROW(Check({}, options));
+  options.topics.source_camera_infos = {"/info"};
+  EXPECT_THROW(Check({}, options), InvalidInputError) << "of no source image";
+  options.topics.source_images.assign(5, "/image");
+  EXPECT_THROW(Check({}, options), InvalidInputError) << "more than the mapper takes";
 }
 
 TEST_F(CheckBagTest, SeveralTopicsOfAKind) {
@@ -382,7 +386,7 @@ TEST_F(CheckBagTest, SeveralTopicsOfAKind) {
   EXPECT_THAT(Warnings(report), Contains(HasSubstr("checked /image; there is also /right/image")));
 }
 
-TEST_F(CheckBagTest, Masks) {
+TEST_F(CheckBagTest, MasksAndLabels) {
   const BagReport good = Check({}, {}, [&](int i, const Keyframe& keyframe, rosbag::Bag* bag) {
     const ros::Time& stamp = keyframe.image.header.stamp;
     bag->write("/detector/labels", stamp, *ToMono8Message(LabelImage(32, 24, 1), keyframe.image.header));  // no camera's
@@ -391,6 +395,7 @@ TEST_F(CheckBagTest, Masks) {
   });
   EXPECT_EQ(good.chosen.image, "/image");
   EXPECT_EQ(good.chosen.mask, "/detector/mask");
+  EXPECT_THAT(good.launch, HasSubstr("mask:=/detector/mask labels:=/detector/labels"));
   EXPECT_THAT(Warnings(good), ElementsAre(HasSubstr("mask"))) << "of the image that has none";
 }
 

@@ -22,7 +22,7 @@ struct TopicChoice {
   std::string camera_info;
   std::string pose;  ///< empty in a report when the poses come from tf
   std::string sparse_points;
-  std::string mask;  ///< filled in by name: an Image topic that ends in "mask"
+  std::string mask, labels;  ///< filled in by name: Image topics that end in "mask", "labels"
   /// Of source cameras, one camera_info for each; not filled in.
   std::vector<std::string> source_images, source_camera_infos;
 };
