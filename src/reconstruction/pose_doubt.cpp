@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <set>
 
 #include <opencv2/core.hpp>
 
@@ -153,9 +154,10 @@ std::string DescribeContradiction(double contradiction) {
 /// What readings of the poses fit.
 std::string DescribeFitting(const ReadingVerdict& verdict) {
   std::string fitting;
+  std::set<std::string> told;
   for (const PoseReading& reading : verdict.fitting) {
     const std::string text = DescribeReading(reading);
-    if (fitting.find(text) != std::string::npos) continue;  // an axis swapped there and back is the same
+    if (!told.insert(text).second) continue;  // an axis swapped there and back is the same
     fitting += Concat(fitting.empty() ? "" : "; or ", text, " (", Percent(reading.share), " %)");
   }
   return Concat("what fits is that they are ", fitting, ". Wanted: p_cam = R p_world + t");
@@ -184,7 +186,7 @@ std::string DescribePoseDoubt(const Scene& scene, const ReconstructPlan& plan, F
   const double share = verdict.share ? *verdict.share : ShareOfAll(neighbours);
   std::string doubt;
   if (share < (verdict.share ? ReadingVerdict::kFittingShare : kSurelyWrong)) doubt = DescribeShare(share);
-  if (!verdict.fitting.empty()) return doubt + DescribeFitting(verdict);
+  if (!verdict.fitting.empty()) return DescribeShare(share) + DescribeFitting(verdict);
   const double limit = DenseMapperOptions().max_contradiction;
   std::optional<double> contradiction;
   if (has_ranges && doubt.empty()) {
