@@ -40,6 +40,11 @@ std::vector<std::string> HashFiles(const Scene& scene, const std::vector<int>& i
 int FindChangedImage(const Scene& scene, const std::vector<int>& indices, const std::vector<std::string>& files,
                      const StopRequest& interrupt);
 
+/// Of all that a run reads: files, cameras, poses, landmarks, ranges and source views that the dataset names.
+/// @param files what HashFiles says of the image at the same place of `indices`
+/// @return 8 digits
+std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<std::string>& files);
+
 /// What to do with one image of the scene.
 struct ImagePlan {
   int index = 0;             ///< in the scene
@@ -86,11 +91,6 @@ ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, co
 
 /// All the depths that the dataset names for the images, with the same margin as offline; 0, 0 when it names none.
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);
-
-/// Of all that a run reads: files, cameras, poses, landmarks, and the ranges and source views that were planned.
-/// @param files what HashFiles says of each image of the plan
-/// @return 8 digits
-std::string InputHash(const Scene& scene, const ReconstructPlan& plan, const std::vector<std::string>& files);
 
 /// The content of a plan's file: the plan and its images.
 /// @param files what HashFiles says of each image of the plan

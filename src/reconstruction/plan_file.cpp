@@ -55,9 +55,10 @@ void Take(const Json& json, std::optional<FaceOfImage>* face) {
   Take(json.at(1), &(*face)->lens_from_face);
 }
 
-/// visit(name, value) for what the plan's file has of an image, but for its files.
-template <class Image, class Plan, class Visit>
-void VisitImage(Image* image, Plan* plan, const Visit& visit) {
+/// visit(name, value) for what the files of a scene say of an image, but for its landmarks and what the plan has in
+/// their place.
+template <class Image, class Visit>
+void VisitImage(Image* image, const Visit& visit) {
   visit("name", &image->name);
   visit("camera", &image->camera);
   visit("distortion", &image->distortion.model);
@@ -68,18 +69,15 @@ void VisitImage(Image* image, Plan* plan, const Visit& visit) {
   visit("move", &image->readout.move);
   visit("pose", &image->cam_from_world.matrix());
   visit("placed", &image->placed_from_world.matrix());
+}
+
+template <class Plan, class Visit>
+void VisitPlan(Plan* plan, const Visit& visit) {
   visit("index", &plan->index);
   visit("near", &plan->range.min);
   visit("far", &plan->range.max);
   visit("sources", &plan->sources);
   visit("no_map", &plan->no_map);
-}
-
-/// @param files what HashFiles says of it
-Json DescribeImage(const SceneImage& image, const ImagePlan& plan, const std::string& files) {
-  Json json = {{"files", files}};
-  VisitImage(&image, &plan, [&](const char* name, const auto* value) { json[name] = Put(*value); });
-  return json;
 }
 
 }  // namespace
@@ -104,13 +102,15 @@ int FindChangedImage(const Scene& scene, const std::vector<int>& indices, const 
   return changed == static_cast<ptrdiff_t>(now.size()) ? -1 : indices[static_cast<size_t>(changed)];
 }
 
-std::string InputHash(const Scene& scene, const ReconstructPlan& plan, const std::vector<std::string>& files) {
+std::string InputHash(const Scene& scene, const std::vector<int>& indices, const std::vector<std::string>& files) {
   uint32_t hash = 0;
-  for (size_t i = 0; i < plan.images.size(); ++i) {
-    const SceneImage& image = scene.images[static_cast<size_t>(plan.images[i].index)];
-    const std::vector<uint8_t> bytes = Json::to_cbor(DescribeImage(image, plan.images[i], files.at(i)));
-    const DepthRange range = image.depth_range.value_or(DepthRange());  // which the online schedule plans nothing of
-    hash = AddToChecksum(AddToChecksum(hash, bytes.data(), bytes.size()), &range, sizeof(range));
+  for (size_t i = 0; i < indices.size(); ++i) {
+    const SceneImage& image = scene.images[static_cast<size_t>(indices[i])];
+    const DepthRange range = image.depth_range.value_or(DepthRange());
+    Json input = {indices[i], files.at(i), range.min, range.max, image.ranked_sources};
+    VisitImage(&image, [&](const char*, const auto* value) { input.push_back(Put(*value)); });
+    const std::vector<uint8_t> bytes = Json::to_cbor(input);
+    hash = AddToChecksum(hash, bytes.data(), bytes.size());
     for (const Eigen::Vector3d& landmark : LandmarksOf(scene, image)) {
       hash = AddToChecksum(hash, landmark.data(), sizeof(landmark));
     }
@@ -123,7 +123,10 @@ std::string FormatPlan(const Scene& scene, const ReconstructPlan& plan, const st
   Json json = {{"origin", Put(plan.origin)}, {"images", Json::array()}};
   for (size_t i = 0; i < plan.images.size(); ++i) {
     const SceneImage& image = scene.images[static_cast<size_t>(plan.images[i].index)];
-    Json view = DescribeImage(image, plan.images[i], files[i]);
+    Json view = {{"files", files[i]}};
+    const auto put = [&](const char* name, const auto* value) { view[name] = Put(*value); };
+    VisitImage(&image, put);
+    VisitPlan(&plan.images[i], put);
     view["paths"] = {RelativePath(image.path, root), image.mask.string(), image.prior_depth.string()};
     json["images"].push_back(std::move(view));
   }
@@ -137,8 +140,9 @@ void ParsePlan(const std::string& content, const std::filesystem::path& root, Sc
   Take(json.at("origin"), &plan->origin);
   for (const Json& view : json.at("images")) {
     SceneImage image;
-    VisitImage(&image, &plan->images.emplace_back(),
-               [&](const char* name, auto* value) { Take(view.at(name), value); });
+    const auto take = [&](const char* name, auto* value) { Take(view.at(name), value); };
+    VisitImage(&image, take);
+    VisitPlan(&plan->images.emplace_back(), take);
     const Json& paths = view.at("paths");
     image.path = root / paths.at(0).get<std::string>();
     image.mask = paths.at(1).get<std::string>();

@@ -76,7 +76,7 @@ void Reconstruct(const ReconstructOptions& options, const RunContext& context) {
   const auto decode = [&](int index) { frames.Get(index); };
   const std::vector<std::string> files = HashFiles(scene, indices, interrupt, decode);
   const Devices devices(devices_to_come.get());
-  const RunRecord record = MakeRecord(options, devices.name(), InputHash(scene, plan, files));
+  const RunRecord record = MakeRecord(options, devices.name(), InputHash(scene, indices, files));
   OutputFolder folder(options.output, record, options.overwrite);
   if (folder.state() == OutputFolder::State::kComplete) {
     ReportComplete(folder, "", options, &progress);

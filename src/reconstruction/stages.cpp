@@ -215,7 +215,7 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
   const std::vector<std::string> files = HashFiles(scene, plan.Indices(), interrupt, [&](int index) {
     if (!plan.HasMap(index)) frames->Get(index);
   });
-  const RunRecord record = MakeRecord(options, "", InputHash(scene, plan, files));
+  const RunRecord record = MakeRecord(options, "", InputHash(scene, plan.Indices(), files));
   const OutputFolder folder(options.output, record, options.overwrite, OutputFolder::Use::kStages);
   const bool complete = folder.state() == OutputFolder::State::kComplete;
   if (!complete && folder.Setting(kDeviceKey) != "(none)" && !std::filesystem::exists(PlanFile(options.output))) {

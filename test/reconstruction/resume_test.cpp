@@ -141,7 +141,10 @@ TEST_F(ResumeTest, LinksAndPipesInTheFolderAreRefused) {
 TEST_F(ResumeTest, OtherSettingsAreRefusedUntilOverwrite) {
   Run(&fake_);
   options_.seed = 7;
-  EXPECT_THAT(Error(), HasAll("seed was 1 and is 7", "--overwrite"));
+  options_.source_views = 2;
+  EXPECT_THAT(Error(), AllOf(HasAll("seed was 1 and is 7", "source-views was 3 and is 2", "--overwrite"),
+                             Not(HasSubstr("input"))));
+  options_.source_views = 3;
   options_.overwrite = true;
   FakeMatcher again;
   Run(&again);
