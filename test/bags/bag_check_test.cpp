@@ -389,7 +389,8 @@ TEST_F(CheckBagTest, SeveralTopicsOfAKind) {
 TEST_F(CheckBagTest, MasksAndLabels) {
   const BagReport good = Check({}, {}, [&](int i, const Keyframe& keyframe, rosbag::Bag* bag) {
     const ros::Time& stamp = keyframe.image.header.stamp;
-    bag->write("/detector/labels", stamp, *ToMono8Message(LabelImage(32, 24, 1), keyframe.image.header));  // no camera's
+    bag->write("/detector/labels", stamp,
+               *ToMono8Message(LabelImage(32, 24, 1), keyframe.image.header));  // no camera's
     if (i == kKeyframes - 1) return;
     bag->write("/detector/mask", stamp, *ToMono8Message(Mask(32, 24, 255), keyframe.image.header));
   });
