@@ -193,7 +193,7 @@ std::vector<PointMatch> OneOfEachPlace(const std::vector<PointMatch>& matches) {
   return kept;
 }
 
-SessionPlace RefinedPlace(const std::vector<PointMatch>& all, Eigen::Affine3d similarity) {
+SessionPlace RefinePlace(const std::vector<PointMatch>& all, Eigen::Affine3d similarity) {
   SessionPlace place;
   for (int i = 0; i < 5; ++i) {
     place = {similarity, OneOfEachPlace(Supporting(all, similarity))};
@@ -214,7 +214,7 @@ std::vector<SessionPlace> FindPlaces(std::vector<std::vector<PointMatch>> of_pai
       return 2 * Supporting(matches, place.map_from_session).size() > matches.size();
     };
     if (matches.empty() || std::any_of(places.begin(), places.end(), is_known)) continue;
-    places.push_back(RefinedPlace(all, SimilarityOf(matches)));
+    places.push_back(RefinePlace(all, SimilarityOf(matches)));
   }
   std::stable_sort(places.begin(), places.end(),
                    [](const SessionPlace& a, const SessionPlace& b) { return a.matches.size() > b.matches.size(); });
