@@ -267,7 +267,7 @@ std::string JudgeRig(const RigMatches& matches) {
   const bool lies_elsewhere =
       fits(share_of_place) && place->inverse().translation().normalized().dot(lies) < kSameDirection;
   const RigFit unturned = FitRig(matches, false), turned = FitRig(matches, true);
-  const std::string turn = lies_elsewhere ? "" : DescribeTurn(matches, unturned, turned);
+  std::string turn = lies_elsewhere ? "" : DescribeTurn(matches, unturned, turned);
   if (!turn.empty()) return turn;
   if (fits(share_of_place)) {
     const double degrees = DegreesBetween(*place, declared);
