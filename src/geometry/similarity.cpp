@@ -86,7 +86,7 @@ std::vector<Similarity> AlignAlong(const std::vector<PosePair>& poses, std::opti
   return aligned;
 }
 
-std::vector<std::optional<PlacedCamera>> PlaceAlong(const std::vector<TrajectoryKeyframe>& keyframes) {
+std::vector<std::optional<Similarity>> PlaceAlong(const std::vector<TrajectoryKeyframe>& keyframes) {
   struct World {
     int64_t capture;                                 // the last one
     std::vector<PosePair> poses;                     // of each capture, by its first keyframe
@@ -102,7 +102,7 @@ std::vector<std::optional<PlacedCamera>> PlaceAlong(const std::vector<Trajectory
     }
     world.members.emplace_back(i, world.poses.size() - 1);
   }
-  std::vector<std::optional<PlacedCamera>> placed(keyframes.size());
+  std::vector<std::optional<Similarity>> placed(keyframes.size());
   for (const auto& [number, world] : worlds) {
     if (world.poses.size() < kMinForSimilarity) continue;
     const std::vector<Similarity> aligned = AlignAlong(world.poses);

@@ -49,7 +49,7 @@ RegisteredView MakeRegisteredView(const SessionKeyframe& keyframe, double voxel_
   RegisteredView view;
   const PointCloud points = keyframe.points_in_camera->Unpack();
   if (points.empty()) return view;
-  view.maps = SplatPoints(points, keyframe.pose.world_from_cam, PointSpacing(points, voxel_size));
+  view.maps = SplatPoints(points, keyframe.pose.world_from_cam(), PointSpacing(points, voxel_size));
   const ColorImage& color = view.maps.color;
   constexpr int kPatchSize = 31;  // px: ORB throws for images that hold none
   if (std::min(color.width(), color.height()) < kPatchSize) return view;
@@ -95,9 +95,9 @@ std::vector<size_t> SpreadOut(const std::vector<SessionKeyframe>& keyframes) {
     Eigen::Vector3d middle = Eigen::Vector3d::Zero();
     const PointCloud points = keyframe.points_in_camera->Unpack();
     for (const SurfacePoint& p : points) middle += Eigen::Vector3d(p.position.x, p.position.y, p.position.z);
-    middle = keyframe.pose.world_from_cam * (middle / static_cast<double>(std::max<size_t>(1, points.size())));
+    middle = keyframe.pose.world_from_cam() * (middle / static_cast<double>(std::max<size_t>(1, points.size())));
     places.emplace_back();
-    places.back() << keyframe.pose.world_from_cam.translation(), middle;
+    places.back() << keyframe.pose.world_from_cam().translation(), middle;
   }
   std::vector<size_t> chosen;
   std::vector<double> distances(places.size(), std::numeric_limits<double>::infinity());  // from those chosen
@@ -247,7 +247,7 @@ FoundTransform CountAgreeing(const MapSession& session, const std::vector<Regist
                              const RigidTransform& map_from_session, size_t matches) {
   size_t agreeing = 0, all = 0, overlap = 0;
   for (const SessionKeyframe& keyframe : session.keyframes) {
-    const RigidTransform map_from_cam = map_from_session * keyframe.pose.world_from_cam;
+    const RigidTransform map_from_cam = map_from_session * keyframe.pose.world_from_cam();
     const size_t step = 1 + keyframe.points_in_camera->size() / 2000;
     for (size_t i = 0; i < keyframe.points_in_camera->size(); i += step) {
       const Vec3f p = (*keyframe.points_in_camera)[i].position;

@@ -91,20 +91,20 @@ bool TakeLaterView(const SurfaceMaps& seen, const Similarity& later_from_points,
 /// fit best, where both have one.
 Similarity LaterFromEarlier(const KeyframePose& later, const CorrectedPose& later_corrected,
                             const KeyframePose& earlier, const CorrectedPose& earlier_corrected) {
-  RigidTransform later_from_world, world_from_earlier;
-  double later_size, earlier_size;  // of what is 1 in that world
-  if (later.refined && earlier.refined && later.refined->refined.world == earlier.refined->refined.world) {
-    later_from_world = later.refined->refined.world_from_cam.inverse();
-    world_from_earlier = earlier.refined->refined.world_from_cam;
-    later_size = later.refined->refined.scale;
-    earlier_size = earlier.refined->refined.scale;
-  } else {
-    later_from_world = later_corrected.Placed(later.world_from_cam).inverse();
-    world_from_earlier = earlier_corrected.Placed(earlier.world_from_cam);
-    later_size = 1 / later_corrected.scale;
-    earlier_size = 1 / earlier_corrected.scale;
-  }
-  Similarity later_from_earlier = {later_from_world * world_from_earlier, later_size / earlier_size};
+  const bool is_refined =
+      later.refined && earlier.refined && later.refined->refined.world == earlier.refined->refined.world;
+  const auto size_of = [&](const KeyframePose& sent, const CorrectedPose& corrected) {  // of what is 1 in that world
+    return is_refined ? sent.refined->refined.scale : 1 / corrected.scale;
+  };
+  const auto world_from_cam = [&](const KeyframePose& sent, const CorrectedPose& corrected) {
+    const RigidTransform world_from_capture =
+        is_refined ? sent.refined->refined.world_from_cam : corrected.Placed(sent.world_from_capture).rigid;
+    return Similarity{world_from_capture, 1 / size_of(sent, corrected)}.Moved(sent.capture_from_cam);
+  };
+  const double later_size = size_of(later, later_corrected);
+  Similarity later_from_earlier = {
+      world_from_cam(later, later_corrected).inverse() * world_from_cam(earlier, earlier_corrected),
+      later_size / size_of(earlier, earlier_corrected)};
   later_from_earlier.rigid.translation() *= later_size;
   return later_from_earlier;
 }
@@ -116,12 +116,16 @@ std::vector<KeyframeKey> MapStore::Around(const KeyframeKey& key) const {
   std::vector<std::pair<double, KeyframeKey>> around;
   const auto found = keyframes_.find(key);
   if (found == keyframes_.end() || found->second.points_in_camera->empty()) return {};
-  const CorrectedPose& added = found->second.pose;
-  const RigidTransform& here = added.world_from_cam;
+  const auto world_from_cam = [](const Keyframe& keyframe) {
+    const CorrectedPose& pose = keyframe.capture->pose;
+    return Similarity{pose.world_from_capture, pose.scale}.Moved(keyframe.as_sent.capture_from_cam);
+  };
+  const RigidTransform here = world_from_cam(found->second);
+  const double reach = found->second.capture->pose.scale * found->second.reach;
   for (const auto& [other_key, other] : keyframes_) {
-    const RigidTransform& there = other.pose.world_from_cam;
+    const RigidTransform there = world_from_cam(other);
     const double distance = (here.translation() - there.translation()).norm();
-    if (other_key == key || other.points_in_camera->empty() || distance > added.scale * added.reach ||
+    if (other_key == key || other.points_in_camera->empty() || distance > reach ||
         here.linear().col(2).dot(there.linear().col(2)) < kSameDirection) {
       continue;
     }
@@ -139,6 +143,7 @@ bool MapStore::LookAroundNext() {
   struct Looked {
     KeyframeKey key;
     Keyframe keyframe;
+    CorrectedPose pose;
     PackedCloudPtr points_before;
   };
   std::vector<Looked> all(1);  // the keyframe that looks, as it was added, and those around it
@@ -151,22 +156,24 @@ bool MapStore::LookAroundNext() {
     voxel_size = VoxelSize();
     const Keyframe& found = keyframes_.at(due.key);
     all[0].key = due.key;
-    all[0].keyframe.pose = found.pose;
+    all[0].pose = found.capture->pose;
     all[0].keyframe.as_sent = due.as_sent;
     all[0].keyframe.points_in_camera = all[0].points_before = due.points_in_camera;
     for (const KeyframeKey& other : due.around) {
       const auto neighbour = keyframes_.find(other);
       // One that was replaced since then would have forgotten this look.
       if (neighbour == keyframes_.end() || neighbour->second.points_arrival > found.arrival) continue;
-      all.push_back({other, neighbour->second, neighbour->second.points_in_camera});
+      const Keyframe& keyframe = neighbour->second;
+      all.push_back({other, keyframe, keyframe.capture->pose, keyframe.points_in_camera});
     }
   }
   const auto seen_by = [&](const Keyframe& keyframe) {
     const PointCloud points = keyframe.points_in_camera->Unpack();
     return SplatPoints(points, RigidTransform::Identity(), PointSpacing(points, voxel_size));
   };
-  const auto take = [](const SurfaceMaps& seen, const Keyframe& later, Keyframe* earlier) {
-    const Similarity pose = LaterFromEarlier(later.as_sent, later.pose, earlier->as_sent, earlier->pose);
+  const auto take = [](const SurfaceMaps& seen, const Looked& by_later, Looked* looked) {
+    Keyframe* earlier = &looked->keyframe;
+    const Similarity pose = LaterFromEarlier(by_later.keyframe.as_sent, by_later.pose, earlier->as_sent, looked->pose);
     PointCloud points = earlier->points_in_camera->Unpack();
     auto views = earlier->later_views ? std::make_shared<std::vector<LaterViews>>(*earlier->later_views)
                                       : std::make_shared<std::vector<LaterViews>>(points.size());
@@ -174,12 +181,12 @@ bool MapStore::LookAroundNext() {
     earlier->points_in_camera = std::make_shared<const PackedCloud>(points);
     earlier->later_views = std::move(views);
   };
-  Keyframe& added = all[0].keyframe;
-  const SurfaceMaps seen = seen_by(added);
+  Looked& added = all[0];
+  const SurfaceMaps seen = seen_by(added.keyframe);
   for (size_t i = 1; i < all.size(); ++i) {
-    Keyframe& other = all[i].keyframe;
+    Looked& other = all[i];
     if (other.pose.stamp_ns < added.pose.stamp_ns) take(seen, added, &other);
-    if (other.pose.stamp_ns > added.pose.stamp_ns) take(seen_by(other), other, &added);
+    if (other.pose.stamp_ns > added.pose.stamp_ns) take(seen_by(other.keyframe), other, &added);
   }
   std::lock_guard<std::mutex> lock(mutex_);
   for (Looked& looked : all) {

@@ -32,7 +32,7 @@ bool SamePose(const RigidTransform& a, const RigidTransform& b, const PoseTolera
          (a.linear() - b.linear()).norm() <= std::sqrt(2.0) * same.rotation_rad;
 }
 
-RigidTransform WorldFromCam(const PathConvention& convention, const RigidTransform& pose) {
+RigidTransform WorldFromCapture(const PathConvention& convention, const RigidTransform& pose) {
   return (convention.maps_world_to_child ? pose.inverse() : pose) * *convention.child_from_cam;
 }
 
@@ -45,22 +45,19 @@ double ScaleOf(const std::vector<double>& ratios) {
   return 4 * agreeing >= 3 * ratios.size() && std::abs(median - 1) > kLeastChange ? median : 1;
 }
 
-/// A keyframe that the path names, and what that makes of its pose.
-struct NamedKeyframe {
-  CorrectedPose* keyframe;
-  RigidTransform world_from_cam;
+/// A capture that the path names, and what that makes of its pose.
+struct NamedCapture {
+  CorrectedPose* capture;
+  RigidTransform world_from_capture;
 };
-
-/// Keyframes of one trajectory that were taken together.
-using NamedCapture = std::vector<NamedKeyframe>;
 
 /// Corrections of the captures of one trajectory, given in its order.
 void CorrectNamed(const std::vector<NamedCapture>& captures) {
   std::vector<double> ratios;  // of the step from each to the next; negative: none
   for (size_t i = 0; i + 1 < captures.size(); ++i) {
-    const NamedKeyframe &here = captures[i].front(), &next = captures[i + 1].front();
-    const double before = (next.keyframe->received.translation() - here.keyframe->received.translation()).norm();
-    const double after = (next.world_from_cam.translation() - here.world_from_cam.translation()).norm();
+    const NamedCapture &here = captures[i], &next = captures[i + 1];
+    const double before = (next.capture->received.translation() - here.capture->received.translation()).norm();
+    const double after = (next.world_from_capture.translation() - here.world_from_capture.translation()).norm();
     ratios.push_back(before > 0 ? after / before : -1);
   }
   for (size_t i = 0; i < captures.size(); ++i) {
@@ -69,48 +66,43 @@ void CorrectNamed(const std::vector<NamedCapture>& captures) {
       if (ratios[step] >= 0) nearby.push_back(ratios[step]);
     }
     const double scale = ScaleOf(nearby);
-    for (const NamedKeyframe& named : captures[i]) {
-      RigidTransform scaled = named.keyframe->received;
-      scaled.translation() *= scale;
-      named.keyframe->correction = {named.world_from_cam * scaled.inverse(), scale};
-    }
+    RigidTransform scaled = captures[i].capture->received;
+    scaled.translation() *= scale;
+    captures[i].capture->correction = {captures[i].world_from_capture * scaled.inverse(), scale};
   }
 }
 
-/// Whether a keyframe's points would be near enough; counts it where not. False for NaN, too.
-bool IsWithin(const Surroundings& allowed, const CorrectedPose& keyframe, const RigidTransform& world_from_cam,
+/// Whether a capture's points would be near enough; counts it where not. False for NaN, too.
+bool IsWithin(const Surroundings& allowed, const CorrectedPose& capture, const RigidTransform& world_from_capture,
               double scale, const StampedPose& cause, ReposeResult* result) {
-  const double distance = (world_from_cam.translation() - allowed.origin).norm();
-  if (distance + scale * keyframe.reach <= allowed.max_distance) return true;
+  const double distance = (world_from_capture.translation() - allowed.origin).norm();
+  if (distance + scale * capture.reach <= allowed.max_distance) return true;
   ++result->too_far;
   if (!result->first_too_far) result->first_too_far = {cause.stamp_ns, cause.pose.translation(), allowed};
   return false;
 }
 
-/// What the path says of the keyframes it names.
-void NameKeyframes(const std::vector<StampedPose>& path, const Surroundings& allowed,
-                   const std::vector<CorrectedPose*>& keyframes, ReposeResult* result) {
+/// What the path says of the captures it names.
+void NameCaptures(const std::vector<StampedPose>& path, const Surroundings& allowed,
+                  const std::vector<CorrectedPose*>& captures, ReposeResult* result) {
   std::vector<bool> used(path.size());
   std::map<size_t, std::vector<NamedCapture>> named;  // of each trajectory
-  for (CorrectedPose* keyframe : keyframes) {
-    if (!keyframe->path.child_from_cam) {
+  for (CorrectedPose* capture : captures) {
+    if (!capture->path.child_from_cam) {
       ++result->unresolved;
       continue;
     }
-    const size_t nearest = NearestPose(path, keyframe->stamp_ns);
-    const int64_t gap_ns = std::abs(path[nearest].stamp_ns - keyframe->stamp_ns);
-    const int64_t tolerance_ns = keyframe->path.tolerance_ns;
+    const size_t nearest = NearestPose(path, capture->stamp_ns);
+    const int64_t gap_ns = std::abs(path[nearest].stamp_ns - capture->stamp_ns);
+    const int64_t tolerance_ns = capture->path.tolerance_ns;
     if (!result->nearest || gap_ns < result->nearest->gap_ns) result->nearest = {gap_ns, tolerance_ns};
     if (gap_ns > tolerance_ns) continue;
     used[nearest] = true;
-    const RigidTransform world_from_cam = WorldFromCam(keyframe->path, path[nearest].pose);
-    if (!IsWithin(allowed, *keyframe, world_from_cam, 1, path[nearest], result)) continue;
+    const RigidTransform world_from_capture = WorldFromCapture(capture->path, path[nearest].pose);
+    if (!IsWithin(allowed, *capture, world_from_capture, 1, path[nearest], result)) continue;
     ++result->named;
-    keyframe->named = keyframe->seeded = true;
-    std::vector<NamedCapture>& captures = named[keyframe->trajectory];
-    const bool begins = captures.empty() || captures.back().front().keyframe->stamp_ns != keyframe->stamp_ns;
-    if (begins) captures.emplace_back();
-    captures.back().push_back({keyframe, world_from_cam});
+    capture->named = capture->seeded = true;
+    named[capture->trajectory].push_back({capture, world_from_capture});
   }
   for (const auto& [trajectory, captures] : named) CorrectNamed(captures);
   result->unmatched = static_cast<size_t>(std::count(used.begin(), used.end(), false));
@@ -119,30 +111,30 @@ void NameKeyframes(const std::vector<StampedPose>& path, const Surroundings& all
 }  // namespace
 
 ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& same, const Surroundings& allowed,
-                    const std::vector<CorrectedPose*>& keyframes) {
+                    const std::vector<CorrectedPose*>& captures) {
   ReposeResult result;
   result.unmatched = path.size();
-  if (path.empty() || keyframes.empty()) return result;
-  NameKeyframes(path, allowed, keyframes, &result);
+  if (path.empty() || captures.empty()) return result;
+  NameCaptures(path, allowed, captures, &result);
 
-  const auto first = std::find_if(keyframes.begin(), keyframes.end(), [](const auto* k) { return k->seeded; });
-  if (first == keyframes.end()) return result;
+  const auto first = std::find_if(captures.begin(), captures.end(), [](const auto* k) { return k->seeded; });
+  if (first == captures.end()) return result;
   Similarity correction = (*first)->correction;
-  for (size_t i = 0; i < keyframes.size(); ++i) {
-    CorrectedPose* keyframe = keyframes[i];
-    if (keyframe->named) {
-      correction = keyframe->correction;
+  for (size_t i = 0; i < captures.size(); ++i) {
+    CorrectedPose* capture = captures[i];
+    if (capture->named) {
+      correction = capture->correction;
     } else {
-      keyframe->correction = correction;
-      keyframe->seeded = true;  // so it goes on telling the next ones when the one it learnt from is evicted
+      capture->correction = correction;
+      capture->seeded = true;  // so it goes on telling the next ones when the one it learnt from is evicted
     }
-    const RigidTransform corrected = keyframe->correction.Moved(keyframe->received);
-    const bool same_scale = std::abs(keyframe->correction.scale - keyframe->scale) <= same.scale * keyframe->scale;
-    if (same_scale && SamePose(corrected, keyframe->world_from_cam, same)) continue;
-    const StampedPose moved = {keyframe->stamp_ns, corrected};
-    if (!IsWithin(allowed, *keyframe, corrected, keyframe->correction.scale, moved, &result)) continue;
-    keyframe->world_from_cam = corrected;
-    keyframe->scale = keyframe->correction.scale;
+    const RigidTransform corrected = capture->correction.Moved(capture->received);
+    const bool same_scale = std::abs(capture->correction.scale - capture->scale) <= same.scale * capture->scale;
+    if (same_scale && SamePose(corrected, capture->world_from_capture, same)) continue;
+    const StampedPose moved = {capture->stamp_ns, corrected};
+    if (!IsWithin(allowed, *capture, corrected, capture->correction.scale, moved, &result)) continue;
+    capture->world_from_capture = corrected;
+    capture->scale = capture->correction.scale;
     result.moved.push_back(i);
   }
   return result;

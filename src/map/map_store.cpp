@@ -5,7 +5,6 @@
 #include <iterator>
 #include <limits>
 #include <set>
-#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -37,10 +36,10 @@ double ReachOf(const PointCloud& points) {
 
 /// Throws unless a keyframe's points are within kMaxMapVoxels of the map's origin, and near enough to the world's.
 /// @param voxel_size 0: not known, any distance is right
-void CheckDistance(const RigidTransform& world_from_cam, double reach, const Eigen::Vector3d& origin,
+void CheckDistance(const RigidTransform& world_from_capture, double reach, const Eigen::Vector3d& origin,
                    double voxel_size) {
   if (voxel_size == 0) return;
-  const Eigen::Vector3d& position = world_from_cam.translation();
+  const Eigen::Vector3d& position = world_from_capture.translation();
   const auto check = [&](double distance, const char* from, double max_voxels) {
     if (distance <= max_voxels * voxel_size) return;
     throw InvalidInputError(Concat("position (", position.x(), ", ", position.y(), ", ", position.z(),
@@ -53,6 +52,10 @@ void CheckDistance(const RigidTransform& world_from_cam, double reach, const Eig
 
 std::string NameOf(const KeyframeKey& key) {
   return Concat("keyframe ", key.id, " of \"", key.mapper, "\", run ", key.run);
+}
+
+KeyframeKey CaptureKey(const KeyframeKey& key, const KeyframePose& pose) {
+  return {key.mapper, key.run, key.id - pose.view};
 }
 
 }  // namespace
@@ -84,16 +87,18 @@ double MapStore::MaxDistance() const {
   return VoxelSize() > 0 ? kMaxMapVoxels * VoxelSize() : std::numeric_limits<double>::infinity();
 }
 
-Eigen::Vector3d MapStore::Origin(double voxel_size, const RigidTransform& world_from_cam) const {
-  const auto first = Oldest();
-  const RigidTransform& place = first == keyframes_.end() ? world_from_cam : first->second.pose.world_from_cam;
+Eigen::Vector3d MapStore::Origin(double voxel_size, const RigidTransform& world_from_capture) const {
+  const Capture* first = Oldest();
+  const RigidTransform& place = first ? first->pose.world_from_capture : world_from_capture;
   return voxel_size == 0 ? Eigen::Vector3d::Zero()
                          : LocalOrigin(place.translation(), kNearVoxels * voxel_size, kOriginStepVoxels * voxel_size);
 }
 
-MapStore::Keyframes::const_iterator MapStore::Oldest() const {
-  return std::min_element(keyframes_.begin(), keyframes_.end(),
-                          [](const auto& a, const auto& b) { return a.second.arrival < b.second.arrival; });
+const MapStore::Capture* MapStore::Oldest() const {
+  const auto oldest = std::min_element(captures_.begin(), captures_.end(), [](const auto& a, const auto& b) {
+    return a.second.arrival < b.second.arrival;
+  });
+  return oldest == captures_.end() ? nullptr : &oldest->second;
 }
 
 bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera,
@@ -105,7 +110,7 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
   }
   ThinnedPoints thinned = Thinned(points_in_camera);
   std::lock_guard<std::mutex> lock(mutex_);
-  CheckDistance(pose.world_from_cam, thinned.reach, Origin(thinned.voxel_size, pose.world_from_cam),
+  CheckDistance(pose.world_from_capture, thinned.reach, Origin(thinned.voxel_size, pose.world_from_capture),
                 thinned.voxel_size);
   auto_voxel_size_ = thinned.voxel_size;  // not before: what is refused tells nothing about the scene
   Keyframe& inserted = Insert({key, pose, std::move(thinned.points), std::move(image)}, thinned.reach);
@@ -121,20 +126,23 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
 MapStore::Keyframe& MapStore::Insert(SessionKeyframe added, double reach) {
   Keyframe& keyframe = keyframes_[added.key];
   keyframe.arrival = keyframe.points_arrival = arrivals_++;
-  keyframe.pose.stamp_ns = added.pose.stamp_ns;
-  keyframe.pose.path = added.pose.path;
-  keyframe.pose.reach = reach;
-  keyframe.pose.received = keyframe.pose.world_from_cam = added.pose.received();
+  const auto [found, is_new] = captures_.try_emplace(CaptureKey(added.key, added.pose));
+  Capture& capture = found->second;
+  if (is_new) {
+    capture.arrival = keyframe.arrival;
+    capture.number = num_captures_come_[added.key.mapper]++;
+    capture.pose.stamp_ns = added.pose.stamp_ns;
+    capture.pose.path = added.pose.path;
+    capture.pose.received = capture.pose.world_from_capture = added.pose.received();
+  }
+  ++capture.keyframes;
+  capture.pose.reach = std::max(capture.pose.reach, reach);
+  keyframe.capture = &capture;
+  keyframe.reach = reach;
   keyframe.as_sent = std::move(added.pose);
   statistics_.points += added.points_in_camera->size();
   keyframe.points_in_camera = std::move(added.points_in_camera);
   keyframe.image = std::move(added.image);
-  if (keyframe.image) {
-    ImageCount& count = image_counts_[added.key.mapper];
-    if (count.captures == 0 || count.stamp_ns != keyframe.pose.stamp_ns) ++count.captures;
-    count.stamp_ns = keyframe.pose.stamp_ns;
-    keyframe.image_number = count.captures - 1;
-  }
   return keyframe;
 }
 
@@ -149,14 +157,14 @@ void MapStore::StartRun(const std::string& mapper, uint64_t run) {
       }
     };
     forget(&runs_);
-    forget(&image_counts_);
+    forget(&num_captures_come_);
   }
   if (is_new_mapper || last->second == run) return;
   last->second = run;
   path_.clear();
   if (!options_.forget_earlier_runs) return;
-  statistics_.evicted_by_run += EraseIf([&](const KeyframeKey& key, const Keyframe& keyframe) {
-    return key.mapper == mapper && key.run != run && !keyframe.joined;
+  statistics_.evicted_by_run += EraseIf([&](const KeyframeKey& key, const Capture& capture) {
+    return key.mapper == mapper && key.run != run && !capture.joined;
   });
   if (keyframes_.empty()) auto_voxel_size_ = 0;  // another scene may have another scale
 }
@@ -176,12 +184,13 @@ bool MapStore::Replace(const KeyframeKey& key, const KeyframePose& pose, const P
     ++statistics_.not_replaced;
     return false;
   }
-  CorrectedPose& corrected = keyframe->second.pose;
-  CheckDistance(corrected.world_from_cam, corrected.scale * thinned.reach,
-                Origin(thinned.voxel_size, corrected.world_from_cam), thinned.voxel_size);
+  CorrectedPose& corrected = keyframe->second.capture->pose;
+  CheckDistance(corrected.world_from_capture, corrected.scale * thinned.reach,
+                Origin(thinned.voxel_size, corrected.world_from_capture), thinned.voxel_size);
   auto_voxel_size_ = thinned.voxel_size;
-  corrected.reach = thinned.reach;
-  keyframe->second.as_sent.world_from_cam = pose.refined ? pose.world_from_cam : corrected.received;
+  keyframe->second.reach = thinned.reach;
+  corrected.reach = std::max(corrected.reach, thinned.reach);
+  keyframe->second.as_sent.world_from_capture = pose.refined ? pose.world_from_capture : corrected.received;
   keyframe->second.as_sent.refined = pose.refined;
   PackedCloudPtr& points = keyframe->second.points_in_camera;
   statistics_.points += thinned.points->size();
@@ -218,10 +227,10 @@ bool MapStore::IsOfLastRun(const KeyframeKey& key) const {
 ReposeResult MapStore::ApplyPath() {
   if (path_.empty()) return {};
   std::vector<CorrectedPose*> trajectory;
-  for (auto& [key, keyframe] : keyframes_) {
+  for (auto& [key, capture] : captures_) {
     if (!IsOfLastRun(key)) continue;
-    keyframe.pose.trajectory = static_cast<size_t>(std::distance(runs_.begin(), runs_.find(key.mapper)));
-    trajectory.push_back(&keyframe.pose);
+    capture.pose.trajectory = static_cast<size_t>(std::distance(runs_.begin(), runs_.find(key.mapper)));
+    trajectory.push_back(&capture.pose);
   }
   std::stable_sort(trajectory.begin(), trajectory.end(),
                    [](const CorrectedPose* a, const CorrectedPose* b) { return a->stamp_ns < b->stamp_ns; });
@@ -237,32 +246,19 @@ ReposeResult MapStore::ApplyPath() {
 void MapStore::Evict() {
   if (options_.map_radius > 0) {
     std::map<std::string, Eigen::Vector3d> newest;  // of each mapper
-    for (const auto& [key, keyframe] : keyframes_) {
-      if (IsOfLastRun(key)) newest[key.mapper] = keyframe.pose.world_from_cam.translation();
+    for (const auto& [key, capture] : captures_) {
+      if (IsOfLastRun(key)) newest[key.mapper] = capture.pose.world_from_capture.translation();
     }
-    statistics_.evicted_by_radius += EraseIf([&](const KeyframeKey&, const Keyframe& keyframe) {
-      const Eigen::Vector3d& position = keyframe.pose.world_from_cam.translation();
+    statistics_.evicted_by_radius += EraseIf([&](const KeyframeKey&, const Capture& capture) {
+      const Eigen::Vector3d& position = capture.pose.world_from_capture.translation();
       return std::none_of(newest.begin(), newest.end(),
                           [&](const auto& camera) { return (position - camera.second).norm() <= options_.map_radius; });
     });
   }
-  for (size_t captures = NumCaptures(); captures > static_cast<size_t>(options_.max_keyframes); --captures) {
-    const KeyframeKey key = Oldest()->first;
-    const int64_t stamp_ns = Oldest()->second.pose.stamp_ns;
-    statistics_.evicted += EraseIf([&](const KeyframeKey& other, const Keyframe& keyframe) {
-      return IsSameCapture(key, stamp_ns, other, keyframe.pose.stamp_ns);
-    });
+  while (captures_.size() > static_cast<size_t>(options_.max_keyframes)) {
+    const Capture* oldest = Oldest();
+    statistics_.evicted += EraseIf([&](const KeyframeKey&, const Capture& capture) { return &capture == oldest; });
   }
-}
-
-size_t MapStore::NumCaptures() const {
-  size_t captures = 0;
-  for (auto keyframe = keyframes_.begin(), last = keyframe; keyframe != keyframes_.end(); last = keyframe++) {
-    const bool goes_on = keyframe != last && IsSameCapture(last->first, last->second.pose.stamp_ns, keyframe->first,
-                                                           keyframe->second.pose.stamp_ns);
-    captures += goes_on ? 0 : 1;
-  }
-  return captures;
 }
 
 void MapStore::ThinImages(Keyframe* newest) {
@@ -270,7 +266,7 @@ void MapStore::ThinImages(Keyframe* newest) {
   for (;; image_stride_ *= 2) {
     uint64_t bytes = 0;
     for (auto& [key, keyframe] : keyframes_) {
-      if (keyframe.image && keyframe.image_number % image_stride_ != 0) keyframe.image.reset();
+      if (keyframe.image && keyframe.capture->number % image_stride_ != 0) keyframe.image.reset();
       bytes += keyframe.image ? keyframe.image->bytes() : 0;
     }
     if (bytes <= options_.max_image_bytes) return;
@@ -282,7 +278,7 @@ template <class Predicate>
 size_t MapStore::EraseIf(const Predicate& is_to_go) {
   const size_t before = keyframes_.size();
   for (auto keyframe = keyframes_.begin(); keyframe != keyframes_.end();) {
-    keyframe = is_to_go(keyframe->first, keyframe->second) ? Erase(keyframe) : std::next(keyframe);
+    keyframe = is_to_go(keyframe->first, *keyframe->second.capture) ? Erase(keyframe) : std::next(keyframe);
   }
   return before - keyframes_.size();
 }
@@ -294,29 +290,31 @@ MapStore::Keyframes::iterator MapStore::Erase(Keyframes::const_iterator keyframe
   statistics_.never_looked += left == to_look_.end() ? 0 : 1;
   to_look_.erase(left, to_look_.end());
   ++version_;
+  if (--keyframe->second.capture->keyframes == 0) {
+    captures_.erase(CaptureKey(keyframe->first, keyframe->second.as_sent));
+  }
   return keyframes_.erase(keyframe);
 }
 
 void MapStore::Clear() {
   std::lock_guard<std::mutex> lock(mutex_);
   keyframes_.clear();
+  captures_.clear();
   runs_.clear();
   path_.clear();
   to_look_.clear();
   auto_voxel_size_ = 0;
-  image_counts_.clear();
+  num_captures_come_.clear();
   image_stride_ = 1;
   statistics_ = {};
   ++version_;
 }
 
 void MapStore::CheckCanJoin(const MapSession& session) const {
-  std::set<std::tuple<std::string, uint64_t, int64_t>> captures;
-  for (const auto& [key, pose, points, image] : session.keyframes) {
-    captures.emplace(key.mapper, key.run, pose.stamp_ns);
-  }
-  if (captures.size() + NumCaptures() > static_cast<size_t>(options_.max_keyframes)) {
-    throw InvalidInputError(Concat(captures.size(), " keyframes, and ", NumCaptures(),
+  std::set<KeyframeKey> captures;
+  for (const auto& [key, pose, points, image] : session.keyframes) captures.insert(CaptureKey(key, pose));
+  if (captures.size() + captures_.size() > static_cast<size_t>(options_.max_keyframes)) {
+    throw InvalidInputError(Concat(captures.size(), " keyframes, and ", captures_.size(),
                                    " are in the map: together at most max_keyframes = ", options_.max_keyframes,
                                    "; raise it"));
   }
@@ -346,13 +344,13 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
     if (voxel_size == 0 && !keyframes_.empty()) voxel_size = auto_voxel_size_;
     if (voxel_size == 0) voxel_size = session.voxel_size;
     if (!session.keyframes.empty()) {
-      origin = Origin(voxel_size, world_from_session * session.keyframes.front().pose.world_from_cam);
+      origin = Origin(voxel_size, world_from_session * session.keyframes.front().pose.world_from_capture);
     }
   }
   std::vector<double> reaches;
   for (SessionKeyframe& keyframe : session.keyframes) {
     try {
-      keyframe.pose.world_from_cam = world_from_session * keyframe.pose.world_from_cam;
+      keyframe.pose.world_from_capture = world_from_session * keyframe.pose.world_from_capture;
       if (keyframe.pose.refined) keyframe.pose.refined->received = world_from_session * keyframe.pose.refined->received;
       PointCloud points = keyframe.points_in_camera->Unpack();
       if (!points.empty()) CheckPoints(points, static_cast<float>(voxel_size));
@@ -361,7 +359,7 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
         keyframe.points_in_camera = std::make_shared<const PackedCloud>(points);
       }
       reaches.push_back(ReachOf(points));
-      CheckDistance(keyframe.pose.world_from_cam, reaches.back(), origin, voxel_size);
+      CheckDistance(keyframe.pose.world_from_capture, reaches.back(), origin, voxel_size);
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(NameOf(keyframe.key), ": ", error.what()));
     }
@@ -376,7 +374,7 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
   for (size_t i = 0; i < reaches.size(); ++i) {
     SessionKeyframe& keyframe = session.keyframes[i];
     if (begins_anew && i >= session.earlier) runs_.insert_or_assign(keyframe.key.mapper, keyframe.key.run);
-    Insert(std::move(keyframe), reaches[i]).joined = true;
+    Insert(std::move(keyframe), reaches[i]).capture->joined = true;
   }
   ++version_;
 }
@@ -391,8 +389,8 @@ MapStatistics MapStore::statistics() const {
   for (const auto& [key, keyframe] : keyframes_) {
     statistics.images += keyframe.image ? 1 : 0;
     statistics.image_bytes += keyframe.image ? keyframe.image->bytes() : 0;
-    statistics.smallest_scale = std::min(statistics.smallest_scale, keyframe.pose.scale);
-    statistics.largest_scale = std::max(statistics.largest_scale, keyframe.pose.scale);
+    statistics.smallest_scale = std::min(statistics.smallest_scale, keyframe.capture->pose.scale);
+    statistics.largest_scale = std::max(statistics.largest_scale, keyframe.capture->pose.scale);
   }
   return statistics;
 }
@@ -400,6 +398,134 @@ MapStatistics MapStore::statistics() const {
 uint64_t MapStore::version() const {
   std::lock_guard<std::mutex> lock(mutex_);
   return version_;
+}
+
+// What is read of a map: a copy of the list, so that mappers go on meanwhile.
+
+MapStore::Snapshot MapStore::TakeSnapshot() const {
+  std::lock_guard<std::mutex> lock(mutex_);
+  Snapshot snapshot;
+  snapshot.voxel_size = VoxelSize();
+  snapshot.max_distance = MaxDistance();
+  snapshot.origin = Origin(snapshot.voxel_size);
+  snapshot.keyframes.reserve(keyframes_.size());
+  for (const auto& [key, keyframe] : keyframes_) {
+    snapshot.keyframes.push_back({key, keyframe, *keyframe.capture, IsOfLastRun(key)});
+  }
+  return snapshot;
+}
+
+std::vector<Similarity> MapStore::Place(const Snapshot& snapshot) {
+  std::vector<Similarity> placed;
+  placed.reserve(snapshot.keyframes.size());
+  std::vector<TrajectoryKeyframe> trajectory;  // of one run
+  std::vector<size_t> members;
+  const auto place_trajectory = [&] {
+    const std::vector<std::optional<Similarity>> along = PlaceAlong(trajectory);
+    for (size_t i = 0; i < along.size(); ++i) {
+      if (!along[i]) continue;
+      const double reach = along[i]->scale * snapshot.keyframes[members[i]].keyframe.reach;
+      const Eigen::Vector3d offset = along[i]->rigid.translation() - snapshot.origin;
+      if (offset.norm() + reach <= snapshot.max_distance) placed[members[i]] = *along[i];
+    }
+    trajectory.clear(), members.clear();
+  };
+  const KeyframeKey* last = nullptr;
+  for (const auto& [key, keyframe, capture, is_of_last_run] : snapshot.keyframes) {
+    if (last && (last->mapper != key.mapper || last->run != key.run)) place_trajectory();
+    last = &key;
+    if (keyframe.as_sent.refined) {
+      trajectory.push_back({static_cast<int64_t>(capture.arrival),
+                            {keyframe.as_sent.refined->refined, capture.pose.world_from_capture}});
+      members.push_back(placed.size());
+    }
+    placed.push_back(capture.pose.Placed(keyframe.as_sent.world_from_capture));
+  }
+  place_trajectory();
+  return placed;
+}
+
+MapSession MapStore::Session() const {
+  const Snapshot snapshot = TakeSnapshot();
+  const std::vector<Similarity> placed = Place(snapshot);
+  MapSession session;
+  session.voxel_size = snapshot.voxel_size;
+  std::map<std::pair<bool, uint64_t>, size_t> order;
+  for (size_t i = 0; i < placed.size(); ++i) {
+    const Snapshot::Member& member = snapshot.keyframes[i];
+    order.try_emplace({member.is_of_last_run, member.keyframe.arrival}, i);
+    session.earlier += member.is_of_last_run ? 0 : 1;
+  }
+  for (const auto& [rank, i] : order) {
+    const auto& [key, keyframe, capture, is_of_last_run] = snapshot.keyframes[i];
+    SessionKeyframe saved = {key, keyframe.as_sent, keyframe.points_in_camera, keyframe.image};
+    const double scale = placed[i].scale;
+    saved.pose.world_from_capture = placed[i].rigid;
+    saved.pose.capture_from_cam.translation() *= scale;
+    if (saved.pose.refined) {
+      saved.pose.refined->received = capture.pose.world_from_capture;
+      saved.pose.refined->refined.scale *= scale;
+    }
+    if (scale != 1) {
+      saved.points_in_camera = std::make_shared<const PackedCloud>(Scaled(saved.points_in_camera->Unpack(), scale));
+    }
+    session.keyframes.push_back(std::move(saved));
+  }
+  return session;
+}
+
+PlacedKeyframes MapStore::Placed() const {
+  const Snapshot snapshot = TakeSnapshot();
+  const std::vector<Similarity> world_from_captures = Place(snapshot);
+  PlacedKeyframes placed = {{}, snapshot.voxel_size, snapshot.origin};
+  for (size_t i = 0; i < world_from_captures.size(); ++i) {
+    const auto& [key, keyframe, capture, is_of_last_run] = snapshot.keyframes[i];
+    RigidTransform world_from_cam = world_from_captures[i].Moved(keyframe.as_sent.capture_from_cam);
+    world_from_cam.translation() -= snapshot.origin;
+    placed.keyframes.push_back({world_from_cam, world_from_captures[i].scale, keyframe.points_in_camera,
+                                capture.pose.stamp_ns, key, keyframe.as_sent.camera, keyframe.image});
+  }
+  return placed;
+}
+
+bool HasMoved(const PlacedKeyframe& before, const PlacedKeyframe& now, double tolerance) {
+  if (before.points_in_camera != now.points_in_camera) return true;
+  const PackedCloud& points = *now.points_in_camera;
+  const auto moves = [&](const Eigen::Vector3d& p) {
+    return (now.world_from_cam * (now.scale * p) - before.world_from_cam * (before.scale * p)).norm() > tolerance;
+  };
+  if (moves(Eigen::Vector3d::Zero())) return true;
+  constexpr size_t kSome = 16;
+  for (size_t i = 0; i < points.size(); i += 1 + points.size() / kSome) {
+    const Vec3f p = points[i].position;
+    if (moves({p.x, p.y, p.z})) return true;
+  }
+  return false;
+}
+
+MapCloud MapStore::WorldCloud() const { return CloudOf(Placed()); }
+
+MapCloud CloudOf(const PlacedKeyframes& map) {
+  std::vector<PlacedCloud<PackedCloud>> clouds;
+  for (const PlacedKeyframe& keyframe : map.keyframes) {
+    if (keyframe.points_in_camera->empty()) continue;
+    clouds.push_back({keyframe.world_from_cam, keyframe.points_in_camera.get(), keyframe.scale});
+  }
+  MapCloud cloud = {{}, map.origin, map.keyframes.size()};
+  if (!clouds.empty()) cloud.points = MergeClouds(clouds, static_cast<float>(map.voxel_size));
+  return cloud;
+}
+
+std::vector<StampedPose> MapStore::Path() const {
+  const Snapshot snapshot = TakeSnapshot();
+  const std::vector<Similarity> placed = Place(snapshot);
+  std::vector<StampedPose> path;
+  for (size_t i = 0; i < placed.size(); ++i) {
+    const Capture& capture = snapshot.keyframes[i].capture;
+    if (i > 0 && capture.arrival == snapshot.keyframes[i - 1].capture.arrival) continue;
+    path.push_back({capture.pose.stamp_ns, placed[i].rigid});
+  }
+  return path;
 }
 
 }  // namespace acmp

@@ -116,10 +116,10 @@ class OnlineSchedule {
       keyframes.push_back({ImagesOfFile(run_.scene, image.index).first, refined->second});
       indices.push_back(image.index);
     }
-    const std::vector<std::optional<PlacedCamera>> placed = PlaceAlong(keyframes);
+    const std::vector<std::optional<Similarity>> placed = PlaceAlong(keyframes);
     for (size_t i = 0; i < indices.size(); ++i) {
       if (!placed[i]) continue;
-      run_.scene.images[static_cast<size_t>(indices[i])].cam_from_world = placed[i]->world_from_cam.inverse();
+      run_.scene.images[static_cast<size_t>(indices[i])].cam_from_world = placed[i]->rigid.inverse();
       const std::filesystem::path file = run_.store.FileOf({run_.store.final_step(), indices[i]});
       FinalMaps maps = ReadFinalMaps(file);
       for (float& depth : maps.depth) depth *= static_cast<float>(placed[i]->scale);

@@ -21,7 +21,7 @@ constexpr size_t kMaxNameLength = 255;
 constexpr char kNameCharacters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_/";
 
 using Matrix3x4 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
-using Numbers = KeyframePoints::_T_world_cam_type;
+using Numbers = KeyframePoints::_T_world_capture_type;
 
 Numbers ToNumbers(const RigidTransform& transform) {
   Numbers numbers;
@@ -46,22 +46,24 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframePointsHead& head,
   message->mapper = head.key.mapper;
   message->run = head.key.run;
   message->id = head.key.id;
-  message->T_world_cam = ToNumbers(pose.world_from_cam);
-  message->T_refined_cam.fill(0);
-  message->T_received_cam.fill(0);
+  message->view = pose.view;
+  message->T_world_capture = ToNumbers(pose.world_from_capture);
+  message->T_capture_cam = ToNumbers(pose.capture_from_cam);
+  message->T_refined_capture.fill(0);
+  message->T_received_capture.fill(0);
   if (pose.refined) {
     message->refined_world = pose.refined->refined.world;
-    message->T_refined_cam = ToNumbers(pose.refined->refined.world_from_cam);
+    message->T_refined_capture = ToNumbers(pose.refined->refined.world_from_cam);
     message->refined_scale = pose.refined->refined.scale;
-    message->T_received_cam = ToNumbers(pose.refined->received);
+    message->T_received_capture = ToNumbers(pose.refined->received);
   }
   std_msgs::Header camera = message->header;
   camera.frame_id = pose.camera_frame;
   message->camera_info = *ToCameraInfo(pose.camera, camera);
   FillCloud(points_in_camera, camera, &message->points);
   message->path_inverted = pose.path.maps_world_to_child;
-  message->path_T_child_cam.fill(0);
-  if (pose.path.child_from_cam) message->path_T_child_cam = ToNumbers(*pose.path.child_from_cam);
+  message->path_T_child_capture.fill(0);
+  if (pose.path.child_from_cam) message->path_T_child_capture = ToNumbers(*pose.path.child_from_cam);
   message->path_frame = pose.path_frame;
   message->path_tolerance = static_cast<double>(pose.path.tolerance_ns) * 1e-9;
   return message;
@@ -74,11 +76,14 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, c
   KeyframePointsHead head;
   const KeyframeDepth& maps = *output.maps;
   head.key = {mapper, origin.run, static_cast<uint64_t>(frame.id)};
-  head.pose = {origin.stamp_ns, frame.world_from_cam(), origin.path, origin.path_frame, frame.frame_id(), frame.camera};
-  if (head.pose.path.child_from_cam) head.pose.path.child_from_cam->rotate(frame.face.lens_from_face);
+  const RigidTransform capture_from_cam(frame.face.lens_from_face);
+  head.pose = {origin.stamp_ns, origin.world_from_cam, origin.path,  origin.path_frame,
+               std::nullopt,    frame.frame_id(),      frame.camera, static_cast<uint64_t>(frame.id - origin.id),
+               capture_from_cam};
   if (maps.refined_camera) {
-    head.pose.world_from_cam = maps.cam_from_world.inverse();
-    head.pose.refined = RefinedAndReceived{*maps.refined_camera, frame.world_from_cam()};
+    head.pose.world_from_capture = (capture_from_cam * maps.cam_from_world).inverse();
+    head.pose.refined = RefinedAndReceived{*maps.refined_camera, origin.world_from_cam};
+    head.pose.refined->refined.world_from_cam.rotate(frame.face.lens_from_face.transpose());  // faces have one centre
   }
   head.world_frame = origin.world_frame;
   acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, output.points_in_camera());
@@ -116,19 +121,23 @@ KeyframePointsHead ReadHead(const KeyframePoints& message, size_t max_bytes) {
   KeyframePointsHead head;
   head.key = {message.mapper, message.run, message.id};
   head.pose.stamp_ns = ToStampNs(message.header.stamp);
-  head.pose.world_from_cam = TransformFromNumbers("T_world_cam", message.T_world_cam);
+  CheckRange<uint64_t>("view", message.view, 0, message.id);
+  head.pose.view = message.view;
+  head.pose.world_from_capture = TransformFromNumbers("T_world_capture", message.T_world_capture);
+  head.pose.capture_from_cam = TransformFromNumbers("T_capture_cam", message.T_capture_cam);
   if (message.refined_world != 0) {
     // More than any frontend has: what loop closures and sessions make of a scale must be readable again.
     CheckRange("refined_scale", message.refined_scale, 1e-100, 1e100);
-    head.pose.refined = RefinedAndReceived{
-        {message.refined_world, TransformFromNumbers("T_refined_cam", message.T_refined_cam), message.refined_scale},
-        TransformFromNumbers("T_received_cam", message.T_received_cam)};
+    head.pose.refined =
+        RefinedAndReceived{{message.refined_world, TransformFromNumbers("T_refined_capture", message.T_refined_capture),
+                            message.refined_scale},
+                           TransformFromNumbers("T_received_capture", message.T_received_capture)};
   }
   head.pose.path.maps_world_to_child = message.path_inverted;
   head.pose.path.child_from_cam.reset();
-  const Numbers& child_from_cam = message.path_T_child_cam;
+  const Numbers& child_from_cam = message.path_T_child_capture;
   if (std::any_of(child_from_cam.begin(), child_from_cam.end(), [](double number) { return number != 0; })) {
-    head.pose.path.child_from_cam = TransformFromNumbers("path_T_child_cam", child_from_cam);
+    head.pose.path.child_from_cam = TransformFromNumbers("path_T_child_capture", child_from_cam);
   }
   CheckRange("path_tolerance", message.path_tolerance, 0.0, 10.0);
   head.pose.path.tolerance_ns = std::llround(message.path_tolerance * 1e9);

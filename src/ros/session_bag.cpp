@@ -41,7 +41,7 @@ void WriteImages(const SessionKeyframe& keyframe, double voxel_size, const ros::
                  const std_msgs::Header& header, BagWriter* bag) {
   const PointCloud points = keyframe.points_in_camera->Unpack();
   const SurfaceMaps maps =
-      SplatPoints(points, PosedCamera{keyframe.pose.camera, keyframe.pose.world_from_cam.inverse()},
+      SplatPoints(points, PosedCamera{keyframe.pose.camera, keyframe.pose.world_from_cam().inverse()},
                   PointSpacing(points, voxel_size));
   const Image<unsigned char> all(maps.depth.width(), maps.depth.height(), 1);
   bag->Write(Topic(names::kDepth), time, *ToDepthMessage(maps.depth, all.View(), header));

@@ -136,7 +136,7 @@ RIGID = struct.pack("<12d", 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
 
 
 def keyframe_points(number):
-    return (HEADER + text("mapper") + struct.pack("<QQQBQ", number, 1, number, 0, 0) + RIGID +
+    return (HEADER + text("mapper") + struct.pack("<QQQQBQ", number, 1, number, number, 0, 0) + RIGID * 2 +
             camera_info("plumb_bob", [0] * 5) + cloud(PACKED, [(0, 0, 1, 0, 0, 0, -1, 0.5), (1, 0, 2, 0, 0, 0, -1, 0.5)]) +
             compressed(b"") + struct.pack("<Q", number) + RIGID + struct.pack("<d", 1) + RIGID + b"\0" + RIGID +
             text("map") + struct.pack("<d", 0.001))

@@ -302,11 +302,11 @@ TEST(PlaceAlong, PutsEachWorldWhereItsKeyframesWere) {
     keyframes.push_back({i, {{world, OnCurve(i), 2}, received_from_refined.Moved(OnCurve(i))}});
   }
   keyframes.push_back({20, {{6, OnCurve(20), 1}, OnCurve(21)}});
-  const std::vector<std::optional<PlacedCamera>> placed = PlaceAlong(keyframes);
+  const std::vector<std::optional<Similarity>> placed = PlaceAlong(keyframes);
   ASSERT_EQ(placed.size(), keyframes.size());
   for (size_t i = 0; i < 20; ++i) {
     ASSERT_TRUE(placed[i]);
-    EXPECT_TRUE(placed[i]->world_from_cam.isApprox(keyframes[i].poses.received, kExact)) << i;
+    EXPECT_TRUE(placed[i]->rigid.isApprox(keyframes[i].poses.received, kExact)) << i;
     EXPECT_NEAR(placed[i]->scale, (i < 8 ? 1.7 : 0.5) / 2, kExact) << "points had been multiplied by 2";
   }
   EXPECT_FALSE(placed[20]) << "one keyframe does not tell where its world lies";
@@ -333,7 +333,7 @@ TEST(PlaceAlong, ACaptureOfSeveralKeyframesCountsOnce) {
   for (size_t i = 0; i < faces.size(); ++i) {
     ASSERT_TRUE(placed[i]);
     EXPECT_EQ(placed[i]->scale, expected[i / 5]->scale);
-    EXPECT_EQ(placed[i]->world_from_cam.translation(), expected[i / 5]->world_from_cam.translation());
+    EXPECT_EQ(placed[i]->rigid.translation(), expected[i / 5]->rigid.translation());
   }
 }
 
@@ -346,14 +346,14 @@ TEST(PlaceAlong, KeepsTheFormWhereTheFrontendsScaleWanders) {
     keyframes.push_back({i, {{1, OnLine(i), 1}, received}});
     received.translation() += scale * (OnLine(i + 1).translation() - OnLine(i).translation());
   }
-  const std::vector<std::optional<PlacedCamera>> placed = PlaceAlong(keyframes);
+  const std::vector<std::optional<Similarity>> placed = PlaceAlong(keyframes);
   double smallest = 2, largest = 0;
   for (size_t i = 0; i < placed.size(); ++i) {
     ASSERT_TRUE(placed[i]);
     smallest = std::min(smallest, placed[i]->scale);
     largest = std::max(largest, placed[i]->scale);
     // The frontend is a fifth too slow over about 20 keyframes of 0.1: at most 0.4 in all.
-    EXPECT_LT((placed[i]->world_from_cam.translation() - keyframes[i].poses.received.translation()).norm(), 0.2);
+    EXPECT_LT((placed[i]->rigid.translation() - keyframes[i].poses.received.translation()).norm(), 0.2);
   }
   // Over all keyframes the frontend is short by 4.5 %. Twice that is left of 20 %.
   EXPECT_LT(largest - smallest, 0.04);

@@ -27,7 +27,7 @@ MapSession MapOf(const std::vector<SyntheticView>& views, size_t begin, size_t e
     const auto with_error = [&] { return 1 + 0.003 * (static_cast<double>(random() % 2001) / 1000 - 1); };
     KeyframePose pose;
     pose.stamp_ns = static_cast<int64_t>(i);
-    pose.world_from_cam = own_from_true * views[i].frame.cam_from_world.inverse();
+    pose.world_from_capture = own_from_true * views[i].frame.cam_from_world.inverse();
     pose.camera = views[i].frame.camera;
     store.Add({Concat("of ", begin), 1, i}, pose, test::PointsOf(views[i], with_error));
   }
@@ -97,7 +97,7 @@ TEST(FindTransformTest, AnotherScaleIsRefused) {
   MapSession half = OtherRoomMap();
   half.voxel_size /= 2;
   for (SessionKeyframe& keyframe : half.keyframes) {
-    keyframe.pose.world_from_cam.translation() /= 2;
+    keyframe.pose.world_from_capture.translation() /= 2;
     PointCloud points = keyframe.points_in_camera->Unpack();
     for (SurfacePoint& point : points) point.position = 0.5f * point.position;
     keyframe.points_in_camera = std::make_shared<const PackedCloud>(points);

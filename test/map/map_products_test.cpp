@@ -223,12 +223,13 @@ class MapImagesTest : public MapColmapTest {
     options.max_image_bytes = 4 * bytes_ + bytes_ / 2;
     store_ = std::make_unique<MapStore>(options);
   }
-  void Add(const std::string& mapper, uint64_t id, int64_t stamp_ns) {
+  void Add(const std::string& mapper, uint64_t id, int64_t stamp_ns, uint64_t view = 0) {
     const PlacedKeyframe& keyframe = map_.keyframes[0];
     KeyframePose pose;
     pose.stamp_ns = stamp_ns;
-    pose.world_from_cam = keyframe.world_from_cam;
+    pose.world_from_capture = keyframe.world_from_cam;
     pose.camera = keyframe.camera;
+    pose.view = view;
     ASSERT_TRUE(store_->Add({mapper, 1, id}, pose, keyframe.points_in_camera->Unpack(), keyframe.image));
     ASSERT_LE(store_->statistics().image_bytes, 4 * bytes_ + bytes_ / 2);
   }
@@ -266,7 +267,7 @@ TEST_F(MapImagesTest, IdsOfOneParityAreThinnedLikeOthers) {
 }
 
 TEST_F(MapImagesTest, ViewsOfOneCaptureStayTogetherAndMappersEach) {
-  for (uint64_t i = 0; i < 4; ++i) Add("pair", i, static_cast<int64_t>(i / 2));
+  for (uint64_t i = 0; i < 4; ++i) Add("pair", i, static_cast<int64_t>(i / 2), i % 2);
   Add("alone", 100, 0);  // one too many
   EXPECT_THAT(Kept(), ::testing::UnorderedElementsAre(100, 0, 1));
 }
@@ -274,7 +275,7 @@ TEST_F(MapImagesTest, ViewsOfOneCaptureStayTogetherAndMappersEach) {
 TEST_F(MapImagesTest, NeverTakeMoreThanTheyMay) {
   for (uint64_t i = 0; i < 12; ++i) Add(Concat("mapper_", i), 0, 0);
   EXPECT_EQ(Kept().size(), 4u);
-  for (uint64_t i = 0; i < 12; ++i) Add("mapper_0", 1 + i, 0);  // all of one capture
+  for (uint64_t i = 0; i < 12; ++i) Add("mapper_0", 1 + i, 0, 1 + i);  // all of one capture
   EXPECT_EQ(Kept().size(), 4u);
 }
 

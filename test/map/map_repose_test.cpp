@@ -180,25 +180,31 @@ TEST(MapRepose, APathOfAnotherScaleScalesThePoints) {
 }
 
 /// Steps from face to face of a wide image, or from one camera of a rig to the other, are not those of the trajectory.
+/// What lies beside the capture's camera goes on to lie there, in the new scale.
 TEST(MapRepose, APathOfAnotherScaleScalesThePointsOfAllFacesAndCameras) {
   constexpr double kScale = 1.2;
-  for (int faces = 1; faces <= 6; ++faces) {
+  for (uint64_t faces = 1; faces <= 6; ++faces) {
     MapStore store({1000, 0.1});
     std::vector<StampedPose> path;
     for (int i = 0; i < 30; ++i) {
-      for (int face = 0; face < faces; ++face) {
-        PathConvention convention;
-        convention.child_from_cam->linear() = Pose(0, 0, face * M_PI / 3).linear();
+      for (uint64_t face = 0; face < faces; ++face) {
+        KeyframePose pose = {i * kSecond, Pose(i, 0), {}};
+        pose.view = face;
+        pose.capture_from_cam = Pose(0, 0.1 * static_cast<double>(face), static_cast<double>(face) * M_PI / 3);
         for (const char* mapper : {"left", "right"}) {
-          Add(&store, static_cast<uint64_t>(i * faces + face), i * kSecond, Pose(i, 0, face * M_PI / 3), mapper, 0,
-              convention);
+          EXPECT_TRUE(store.Add({mapper, 0, static_cast<uint64_t>(i) * faces + face}, pose, OnePoint()));
         }
       }
       path.push_back({i * kSecond, Pose(kScale * i, 7)});
     }
-    store.Repose(path);
-    for (const PlacedKeyframe& keyframe : store.Placed().keyframes)
+    EXPECT_EQ(store.Repose(path).moved.size(), 60u) << "captures";
+    for (const PlacedKeyframe& keyframe : store.Placed().keyframes) {
       EXPECT_NEAR(keyframe.scale, kScale, kExact) << faces;
+      const auto face = static_cast<double>(keyframe.key.id % faces);
+      const Eigen::Vector3d beside =
+          kScale * Pose(static_cast<double>(keyframe.key.id / faces), 0.1 * face).translation();
+      EXPECT_LT((keyframe.world_from_cam.translation() - beside - Eigen::Vector3d(0, 7, 0)).norm(), kExact) << faces;
+    }
   }
 }
 

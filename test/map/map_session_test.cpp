@@ -29,7 +29,7 @@ PointCloud Wall(float depth = 4) {
 }
 
 KeyframePose PoseAt(int64_t second, const RigidTransform& world_from_cam) {
-  return {second * kSecond, world_from_cam, {}, "path", "camera", {64, 48, 50, 50, 31.5, 23.5}};
+  return {second * kSecond, world_from_cam, {}, "path", std::nullopt, "camera", {64, 48, 50, 50, 31.5, 23.5}};
 }
 
 void Add(MapStore* store, const KeyframeKey& key, double x) {

@@ -308,8 +308,9 @@ TEST(MapStore, WhatSomeConfirmStaysAndGainsConfidence) {
 TEST(MapStore, FacesOfAWideImageAreOneCapture) {
   MapStore store({2, 0.1});
   for (uint64_t id = 0; id < 9; ++id) {
-    const auto stamp_ns = static_cast<int64_t>(id / 3);
-    EXPECT_TRUE(store.Add(Key(id), {stamp_ns, Shifted(static_cast<double>(stamp_ns)), {}}, PlaneAt(2, 3, 1)));
+    KeyframePose pose = {static_cast<int64_t>(id / 3), Shifted(static_cast<double>(id / 3)), {}};
+    pose.view = id % 3;
+    EXPECT_TRUE(store.Add(Key(id), pose, PlaneAt(2, 3, 1)));
     EXPECT_EQ(store.Path().size(), std::min<size_t>(id / 3 + 1, 2));
   }
   EXPECT_EQ(store.statistics().keyframes, 6u) << "of two captures; the first one went as a whole";

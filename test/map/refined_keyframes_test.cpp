@@ -29,8 +29,8 @@ RigidTransform Received(int i) {
 KeyframePose PoseOf(int i, uint64_t world = 1) {
   KeyframePose pose;
   pose.stamp_ns = i * kStep_ns;
-  pose.world_from_cam = True(i);
-  pose.world_from_cam.translation().x() += 0.01;  // as the window lay then
+  pose.world_from_capture = True(i);
+  pose.world_from_capture.translation().x() += 0.01;  // as the window lay then
   RigidTransform refined = True(i);
   refined.translation() *= 2;
   pose.refined = RefinedAndReceived{{world, refined, 0.5}, Received(i)};
@@ -114,7 +114,7 @@ TEST(RefinedKeyframes, ComeBackFromASessionAsTheyWere) {
     for (size_t i = 0; i < before.size(); ++i) EXPECT_LT((before[i] - after[i]).norm(), kRounding) << i;
     for (const SessionKeyframe& saved : store.Session().keyframes) {
       const Vec3f p = (*saved.points_in_camera)[0].position;
-      const Eigen::Vector3d point = saved.pose.world_from_cam * Eigen::Vector3d(p.x, p.y, p.z);
+      const Eigen::Vector3d point = saved.pose.world_from_capture * Eigen::Vector3d(p.x, p.y, p.z);
       EXPECT_LT((point - before[saved.key.id]).norm(), kRounding) << "readers of the file need nothing else";
     }
   }

@@ -46,7 +46,7 @@ TEST(Labels, VotesOfViewsAndKeyframesPutThemRight) {
     const KeyframeKey key = {"mapper", 1, static_cast<uint64_t>(frame.id)};
     KeyframePose pose;
     pose.stamp_ns = frame.id;
-    pose.world_from_cam = depth->cam_from_world.inverse();
+    pose.world_from_capture = depth->cam_from_world.inverse();
     std::array<PointCloud, kMaps> clouds;
     clouds.fill(depth->points_in_camera);
     for (size_t i = 0; i < depth->points_in_camera.size(); ++i) {

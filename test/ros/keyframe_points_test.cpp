@@ -26,6 +26,7 @@ KeyframeOutput MakeOutput() {
   origin.path.tolerance_ns = 2500000;
   origin.path_frame = "global";
   origin.run = 1700000000123456789;
+  origin.id = 42;
   frame->origin = std::make_shared<const CaptureOrigin>(origin);
   frame->jpeg = std::make_shared<const std::string>("a picture");
   auto maps = std::make_shared<KeyframeDepth>();
@@ -44,11 +45,36 @@ TEST(KeyframePoints, SayWhereARefinedPoseLies) {
   output.maps = maps;
   const KeyframePose pose = ReadHead(*ToKeyframePoints(output, "m", false)).pose;
   ASSERT_TRUE(pose.refined);
-  EXPECT_EQ(pose.world_from_cam.matrix(), maps->cam_from_world.inverse().matrix()) << "bit by bit";
+  EXPECT_EQ(pose.world_from_capture.matrix(), maps->cam_from_world.inverse().matrix()) << "bit by bit";
   EXPECT_EQ(pose.refined->refined.world, 3u);
   EXPECT_EQ(pose.refined->refined.world_from_cam.matrix(), output.origin().world_from_cam.inverse().matrix());
   EXPECT_EQ(pose.refined->refined.scale, 0.25);
   EXPECT_EQ(pose.refined->received.matrix(), output.origin().world_from_cam.matrix());
+}
+
+TEST(KeyframePoints, OfAFaceHaveThePoseOfItsCapture) {
+  const KeyframeOutput front = MakeOutput();
+  auto frame = std::make_shared<ReceivedFrame>();
+  frame->id = 44;
+  frame->camera = front.frame().camera;
+  frame->origin = front.frame().origin;
+  frame->face = {"left", frame->camera, Eigen::AngleAxisd(-1.5, Eigen::Vector3d::UnitY()).toRotationMatrix()};
+  const RigidTransform cam_from_capture(frame->face.lens_from_face.transpose());
+  auto maps = std::make_shared<KeyframeDepth>();
+  RigidTransform placed = RigidTransform::Identity();
+  placed.translation() << 7, 8, 9;
+  maps->cam_from_world = cam_from_capture * placed;
+  maps->refined_camera = RefinedCamera{3, (cam_from_capture * front.origin().world_from_cam).inverse(), 0.25};
+  maps->frame = frame;
+  const KeyframePointsHead head = ReadHead(*ToKeyframePoints({maps, {}, PointCloud()}, "m", false));
+  EXPECT_EQ(head.key.id - head.pose.view, 42u) << "the front's id";
+  EXPECT_EQ(head.pose.camera_frame, "cam_left");
+  EXPECT_TRUE(head.pose.world_from_capture.isApprox(placed.inverse(), 1e-9));
+  EXPECT_TRUE(head.pose.world_from_cam().isApprox(maps->cam_from_world.inverse(), 1e-9));
+  ASSERT_TRUE(head.pose.refined);
+  EXPECT_TRUE(head.pose.refined->refined.world_from_cam.isApprox(front.origin().world_from_cam.inverse(), 1e-9));
+  EXPECT_EQ(head.pose.refined->received.matrix(), front.origin().world_from_cam.matrix());
+  EXPECT_TRUE(head.pose.path.child_from_cam->isApprox(*front.origin().path.child_from_cam));
 }
 
 TEST(KeyframePoints, BringTheImageOnce) {
@@ -66,11 +92,11 @@ TEST(KeyframePoints, BadOnesAreRefused) {
   EXPECT_THAT(refusal([](auto* m) { m->mapper.clear(); }), HasSubstr("mapper is empty"));
   EXPECT_THAT(refusal([](auto* m) { m->mapper = std::string(300, 'm'); }), HasSubstr("a name of 300 characters"));
   EXPECT_THAT(refusal([](auto* m) { m->mapper = "m\n[FATAL]: forged"; }), HasSubstr("must be the name of a node"));
-  EXPECT_THAT(refusal([](auto* m) { m->path_T_child_cam[0] = 5; }), HasSubstr("path_T_child_cam"));
+  EXPECT_THAT(refusal([](auto* m) { m->path_T_child_capture[0] = 5; }), HasSubstr("path_T_child_capture"));
   EXPECT_THAT(refusal([](auto* m) { m->path_tolerance = std::numeric_limits<double>::quiet_NaN(); }),
               HasSubstr("path_tolerance"));
   EXPECT_THAT(refusal([](auto* m) { m->refined_world = 1; }), HasSubstr("refined_scale"));
-  EXPECT_THAT(refusal([](auto* m) { m->refined_world = 1, m->refined_scale = 1; }), HasSubstr("T_refined_cam"));
+  EXPECT_THAT(refusal([](auto* m) { m->refined_world = 1, m->refined_scale = 1; }), HasSubstr("T_refined_capture"));
 }
 
 TEST(OptimizedPath, WarnsWhenNoStampFits) {

@@ -42,9 +42,10 @@ std::unique_ptr<MapStore> RoomMap() {
     const PlacedKeyframe& keyframe = keyframes.keyframes[i];
     PathConvention path = {true, std::nullopt, 2500000};
     if (i > 0) path.child_from_cam = keyframe.world_from_cam;
-    EXPECT_TRUE(store->Add({"/acmp/dense_mapper", 1700000000123456789, i},
-                           {StampOf(i), keyframe.world_from_cam, path, "path", "camera", Room()[i].frame.camera},
-                           keyframe.points_in_camera->Unpack()));
+    EXPECT_TRUE(
+        store->Add({"/acmp/dense_mapper", 1700000000123456789, i},
+                   {StampOf(i), keyframe.world_from_cam, path, "path", std::nullopt, "camera", Room()[i].frame.camera},
+                   keyframe.points_in_camera->Unpack()));
   }
   return store;
 }
@@ -85,7 +86,7 @@ TEST_F(SessionBagTest, AMapComesBackWithItsBytes) {
     const SessionKeyframe &read = session.map.keyframes[i], &saved = expected.keyframes[i];
     EXPECT_EQ(read.key, saved.key);
     EXPECT_EQ(read.pose.stamp_ns, saved.pose.stamp_ns);
-    EXPECT_EQ(read.pose.world_from_cam.matrix(), saved.pose.world_from_cam.matrix());
+    EXPECT_EQ(read.pose.world_from_capture.matrix(), saved.pose.world_from_capture.matrix());
     EXPECT_EQ(read.pose.path.maps_world_to_child, true);
     EXPECT_EQ(read.pose.path.child_from_cam.has_value(), i > 0);
     EXPECT_EQ(read.pose.path.tolerance_ns, saved.pose.path.tolerance_ns);
@@ -226,7 +227,7 @@ TEST_F(SessionBagTest, ForeignFilesAreRefused) {
   std_msgs::UInt32 later;
   later.data = 7;
   EXPECT_THAT(refusal("/session_version", later),
-              HasAll("session.bag", "version 7", "reads version 2", "that saved it"));
+              HasAll("session.bag", "version 7", "reads version 3", "that saved it"));
   EXPECT_THAT(refusal("/session_version", std_msgs::Float64()),
               HasAll("/session_version is a std_msgs/Float64", "std_msgs/UInt32"));
 }
@@ -240,7 +241,7 @@ TEST_F(SessionBagTest, KeyframesThatCannotBeUsedAreNamed) {
     return Refusal(Path());
   };
   const auto is_named = HasAll("session.bag", "keyframe 2 of \"/acmp/dense_mapper\"");
-  EXPECT_THAT(refusal([](auto* k) { k->T_world_cam.fill(0); }), AllOf(is_named, HasSubstr("T_world_cam")));
+  EXPECT_THAT(refusal([](auto* k) { k->T_world_capture.fill(0); }), AllOf(is_named, HasSubstr("T_world_capture")));
   EXPECT_THAT(refusal([](auto* k) { k->camera_info.width = 0; }), AllOf(is_named, HasSubstr("camera_info")));
   EXPECT_THAT(refusal([](auto* k) { k->camera_info.width = k->camera_info.height = 8000; }),
               AllOf(is_named, HasSubstr("8000x8000 pixels would take 3.2 GB of memory: must be at most 1")));

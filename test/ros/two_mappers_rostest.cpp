@@ -159,7 +159,7 @@ TEST_F(TwoMappersTest, D_TheMapServerRefusesWhatCannotBeAndSaysSo) {
   const acmp_mapping::KeyframePoints first = *session().points.messages().front();
   acmp_mapping::KeyframePoints no_pose = first, other_world = first;
   no_pose.id = 1000;
-  no_pose.T_world_cam.fill(0);
+  no_pose.T_world_capture.fill(0);
   other_world.mapper = "/third/dense_mapper";
   other_world.header.frame_id = "elsewhere";
   acmp_mapping::KeyframePoints after_a_gap = other_world;

@@ -9,7 +9,7 @@
 
 namespace acmp {
 
-/// x -> rigid * (scale * x): from one world of a monocular camera to another.
+/// x -> rigid * (scale * x): from one world of a monocular camera to another, or from a camera's points to a world.
 struct Similarity {
   RigidTransform rigid = RigidTransform::Identity();
   double scale = 1;
@@ -61,23 +61,17 @@ struct RefinedAndReceived {
   RigidTransform received = RigidTransform::Identity();  ///< world_from_cam
 };
 
-/// Where a keyframe's points lie in the world of the received poses.
-struct PlacedCamera {
-  RigidTransform world_from_cam = RigidTransform::Identity();
-  double scale = 1;  ///< of the points' positions, before they are moved
-};
-
 /// A keyframe on a trajectory.
 struct TrajectoryKeyframe {
   int64_t capture = 0;  ///< the same for keyframes that were taken together (faces of a wide image)
   RefinedAndReceived poses;
 };
 
-/// Places the keyframes of a trajectory, given in its order: each world of refined poses is fitted to the received ones
-/// along the trajectory (AlignAlong), of whose captures each counts once. So a map keeps the form that the images gave
-/// it, and goes where the frontend says that it is. A frontend's scale may fall by a fifth and come back within a
-/// minute; points that follow it at once do not fit together. None for keyframes of a world that has too few captures
-/// to tell where it lies.
-std::vector<std::optional<PlacedCamera>> PlaceAlong(const std::vector<TrajectoryKeyframe>& keyframes);
+/// Where a trajectory's keyframes and their points lie in the world of the received poses, given in its order: each
+/// world of refined poses is fitted to the received ones along the trajectory (AlignAlong), of whose captures each
+/// counts once. So a map keeps the form that the images gave it, and goes where the frontend says that it is. A
+/// frontend's scale may fall by a fifth and come back within a minute; points that follow it at once do not fit
+/// together. None for keyframes of a world that has too few captures to tell where it lies.
+std::vector<std::optional<Similarity>> PlaceAlong(const std::vector<TrajectoryKeyframe>& keyframes);
 
 }  // namespace acmp

@@ -68,23 +68,22 @@ struct KeyframeKey {
   }
 };
 
-/// Whether two keyframes were taken together: faces of a wide image.
-inline bool IsSameCapture(const KeyframeKey& a, int64_t a_stamp_ns, const KeyframeKey& b, int64_t b_stamp_ns) {
-  return a_stamp_ns == b_stamp_ns && a.run == b.run && a.mapper == b.mapper;
-}
-
-/// A keyframe's place in time and space, and what saw it.
+/// A capture's place in time and space, and the keyframe's in it.
 struct KeyframePose {
   int64_t stamp_ns = 0;
-  RigidTransform world_from_cam = RigidTransform::Identity();  ///< as received, or where the mapper put it
+  RigidTransform world_from_capture = RigidTransform::Identity();  ///< as received, or where the mapper put it
   PathConvention path;
-  std::string path_frame = {};    ///< frame of the poses of optimized_path; empty: any
-  std::string camera_frame = {};  ///< name of the optical frame
-  PinholeCamera camera = {};      ///< of the keyframe's maps
-  /// None: the mapper took the pose as received.
+  std::string path_frame = {};  ///< frame of the poses of optimized_path; empty: any
+  /// Of the capture; none: the mapper took the pose as received.
   std::optional<RefinedAndReceived> refined = {};
 
-  const RigidTransform& received() const { return refined ? refined->received : world_from_cam; }
+  std::string camera_frame = {};  ///< name of the optical frame
+  PinholeCamera camera = {};      ///< of the keyframe's maps
+  uint64_t view = 0;              ///< number in its capture, whose first keyframe has the id KeyframeKey::id - view
+  RigidTransform capture_from_cam = RigidTransform::Identity();  ///< constant, unit of the received poses
+
+  const RigidTransform& received() const { return refined ? refined->received : world_from_capture; }
+  RigidTransform world_from_cam() const { return world_from_capture * capture_from_cam; }
 };
 
 /// How many later keyframes saw a surface where a point is, and how many saw through it (a free-space violation in
@@ -242,7 +241,7 @@ class MapStore {
   /// The keyframes at the poses in use.
   PlacedKeyframes Placed() const;
 
-  /// Poses in use (T_world_cam) of all captures, each by its first keyframe: by mapper and run, in the order of ids.
+  /// Poses in use (T_world_cam) of all captures: by mapper and run, in the order of ids.
   std::vector<StampedPose> Path() const;
 
   MapStatistics statistics() const;
@@ -258,16 +257,22 @@ class MapStore {
     PackedCloudPtr points_in_camera;
     std::vector<KeyframeKey> around;  ///< at most kMaxLookedAt
   };
-  struct Keyframe {
-    uint64_t arrival = 0;
+  struct Capture {
+    uint64_t arrival = 0;  ///< of its first keyframe to come: no other capture has the same
+    uint64_t number = 0;   ///< of its mapper's captures
+    bool joined = false;   ///< by Join: stays when its mapper begins a new run
+    size_t keyframes = 0;  ///< of it, in the map
     CorrectedPose pose;
+  };
+  struct Keyframe {
+    Capture* capture = nullptr;  ///< in captures_: to be read with the mutex
+    uint64_t arrival = 0;
     KeyframePose as_sent;
-    bool joined = false;  ///< by Join: stays when its mapper begins a new run
+    double reach = 0;  ///< as CorrectedPose::reach
     PackedCloudPtr points_in_camera;
     std::shared_ptr<const std::vector<LaterViews>> later_views;  ///< one per point; null: nobody has looked
     uint64_t points_arrival = 0;
     StoredImagePtr image;
-    uint64_t image_number = 0;  ///< of the mapper's captures that came with images
   };
   using Keyframes = std::map<KeyframeKey, Keyframe>;
 
@@ -276,6 +281,7 @@ class MapStore {
     struct Member {
       KeyframeKey key;
       Keyframe keyframe;
+      Capture capture;
       bool is_of_last_run = false;
     };
     std::vector<Member> keyframes;  ///< by mapper and run, each in the order of ids
@@ -284,8 +290,9 @@ class MapStore {
     Eigen::Vector3d origin = Eigen::Vector3d::Zero();
   };
   Snapshot TakeSnapshot() const;
-  /// Refined ones along their trajectory; what would lie too far away stays where its mapper put it.
-  static std::vector<PlacedKeyframe> Place(const Snapshot& snapshot);
+  /// World from capture, and the scale of its points, of each keyframe: refined ones along their trajectory; what would
+  /// lie too far away stays where its mapper put it.
+  static std::vector<Similarity> Place(const Snapshot& snapshot);
 
   /// A keyframe's points, one per voxel.
   struct ThinnedPoints {
@@ -298,10 +305,10 @@ class MapStore {
   // All of these need the mutex.
   std::vector<KeyframeKey> Around(const KeyframeKey& key) const;
   double MaxDistance() const;  ///< from Origin
-  /// Of the local coordinates: about where the first keyframe stands. @param world_from_cam of the first one to come
-  Eigen::Vector3d Origin(double voxel_size, const RigidTransform& world_from_cam = RigidTransform::Identity()) const;
-  Keyframes::const_iterator Oldest() const;
-  size_t NumCaptures() const;
+  /// Of the local coordinates: about where the first capture stands. @param world_from_capture of the first one to come
+  Eigen::Vector3d Origin(double voxel_size,
+                         const RigidTransform& world_from_capture = RigidTransform::Identity()) const;
+  const Capture* Oldest() const;  ///< null: there is none
   bool IsOfLastRun(const KeyframeKey& key) const;
   void CheckCanJoin(const MapSession& session) const;
   double VoxelSize() const { return options_.voxel_size > 0 ? options_.voxel_size : auto_voxel_size_; }
@@ -321,12 +328,9 @@ class MapStore {
   mutable std::mutex mutex_;
   double auto_voxel_size_ = 0;
   Keyframes keyframes_;
-  std::map<std::string, uint64_t> runs_;  ///< the last one of each mapper
-  struct ImageCount {
-    int64_t stamp_ns = 0;  ///< of the last capture
-    uint64_t captures = 0;
-  };
-  std::map<std::string, ImageCount> image_counts_;  ///< of each mapper
+  std::map<KeyframeKey, Capture> captures_;            ///< of these, each by the key of its first keyframe
+  std::map<std::string, uint64_t> runs_;               ///< the last one of each mapper
+  std::map<std::string, uint64_t> num_captures_come_;  ///< of each mapper
   uint64_t arrivals_ = 0;
   std::deque<ToLook> to_look_;  ///< in the order in which they came
   uint64_t image_stride_ = 1;

@@ -20,7 +20,7 @@ struct Session {
 using KeepImage = std::function<StoredImagePtr(const acmp_mapping::KeyframePoints&)>;
 
 /// Of the bags that WriteSession writes, under session_version in each. To be raised with any change of their messages.
-constexpr uint32_t kSessionVersion = 2;
+constexpr uint32_t kSessionVersion = 3;
 
 /// Writes the keyframes as keyframe_points, and depth, confidence and colour as images, which are made of the points.
 /// The file appears under its name only when it is whole and on the disk. Throws InvalidInputError for an empty map or
