@@ -110,7 +110,9 @@ void Triangulate(const std::vector<ViewPose>& poses, const std::vector<PinholeCa
       const Eigen::Vector3d y = DirectionInView(ray, landmark->inverse_depth, anchor, pose);
       if (!(y.z() > 0)) continue;
       const Eigen::Vector2d r = camera.Project(y) - sighting.pixel;
-      const Eigen::Vector2d j = ProjectionJacobian(camera, y) * (pose.rotation * (anchor.centre - pose.centre));
+      const Eigen::Vector3d d = pose.rotation * (anchor.centre - pose.centre);
+      const Eigen::Vector2d j(camera.fx * (d.x() - y.x() / y.z() * d.z()) / y.z(),
+                              camera.fy * (d.y() - y.y() / y.z() * d.z()) / y.z());
       const double weight = 1 / (1 + r.squaredNorm());
       h += weight * j.squaredNorm(), g += weight * j.dot(r);
     }
@@ -183,8 +185,10 @@ ViewPose Resect(const std::vector<SeenPoint>& points, const PinholeCamera& camer
       const Eigen::Vector3d y = rotation * (seen.point - pose.centre);
       if (!(y.z() > 0)) continue;
       const Eigen::Vector2d r = camera.Project(y) - seen.pixel;
-      const double weight = 1 / (1 + r.squaredNorm() / (kSigma * kSigma));
-      const Eigen::Matrix<double, 2, 3> j = ProjectionJacobian(camera, y);
+      const double inverse_z = 1 / y.z(), weight = 1 / (1 + r.squaredNorm() / (kSigma * kSigma));
+      Eigen::Matrix<double, 2, 3> j;
+      j << camera.fx * inverse_z, 0, -camera.fx * y.x() * inverse_z * inverse_z, 0, camera.fy * inverse_z,
+          -camera.fy * y.y() * inverse_z * inverse_z;
       Eigen::Matrix<double, 2, 6> a;
       a << -j * CrossMatrix(y), -j * rotation;
       h += weight * a.transpose() * a;

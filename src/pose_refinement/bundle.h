@@ -75,13 +75,6 @@ inline Eigen::Vector3d DirectionInView(const Eigen::Vector3d& anchor_ray, double
   return view.rotation * (anchor.rotation.conjugate() * anchor_ray + inverse_depth * (anchor.centre - view.centre));
 }
 
-/// How the pixel of a point in the view's frame changes with the point.
-inline Eigen::Matrix<double, 2, 3> ProjectionJacobian(const PinholeCamera& camera, const Eigen::Vector3d& y) {
-  const double x_slope = camera.fx / y.z(), y_slope = camera.fy / y.z();
-  return (Eigen::Matrix<double, 2, 3>() << x_slope, 0, -x_slope * y.x() / y.z(), 0, y_slope, -y_slope * y.y() / y.z())
-      .finished();
-}
-
 /// Views, what is known of their poses, and landmarks seen in them.
 struct Bundle {
   std::vector<int64_t> ids;

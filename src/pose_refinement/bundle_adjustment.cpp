@@ -12,34 +12,79 @@
 namespace acmp {
 namespace {
 
+#if CERES_VERSION_MAJOR > 2 || (CERES_VERSION_MAJOR == 2 && CERES_VERSION_MINOR >= 1)
+
+using Manifold = ceres::Manifold;
+
+/// The problem then does not delete the manifolds that it is given.
+void KeepManifolds(ceres::Problem::Options* options) { options->manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP; }
+
+#else
+
+/// Gives a LocalParameterization, which Ceres had before 2.1, the interface of ceres::Manifold. These versions know no
+/// Minus and do not ask for it.
+class Manifold : public ceres::LocalParameterization {
+ public:
+  virtual int AmbientSize() const = 0;
+  virtual int TangentSize() const = 0;
+  virtual bool PlusJacobian(const double* x, double* jacobian) const = 0;
+  virtual bool Minus(const double* y, const double* x, double* result) const = 0;
+  virtual bool MinusJacobian(const double* x, double* jacobian) const = 0;
+
+  int GlobalSize() const final { return AmbientSize(); }
+  int LocalSize() const final { return TangentSize(); }
+  bool ComputeJacobian(const double* x, double* jacobian) const final { return PlusJacobian(x, jacobian); }
+};
+
+void KeepManifolds(ceres::Problem::Options* options) {
+  options->local_parameterization_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+}
+
+#endif
+
 using PixelErrors = Eigen::Matrix<double, 2, 3>;
-constexpr int kPoseSize = 6;  // a turn, and the centre
+constexpr int kPoseSize = 7;  // quaternion x y z w, centre
+using PoseMap = Eigen::Map<const Eigen::Quaterniond>;
 
-/// A pose in Ceres' terms: its start turned on the left, by the axis times 2 tan(angle / 2). Corrections are small, so
-/// that no manifold is needed.
-template <class T>
-Eigen::Quaternion<T> RotationOf(const ViewPose& start, const T* pose) {
-  const T half(0.5);
-  return Eigen::Quaternion<T>(T(1), half * pose[0], half * pose[1], half * pose[2]).normalized() *
-         start.rotation.cast<T>();
-}
-
-/// The small turn on the left of such a rotation, as axis times angle, by its three numbers.
-Eigen::Matrix3d TurnsOf(const double* pose) {
-  const Eigen::Vector3d half = 0.5 * Eigen::Map<const Eigen::Vector3d>(pose);
-  return (Eigen::Matrix3d::Identity() + CrossMatrix(half)) / (1 + half.squaredNorm());
-}
+/// Rotations are turned on the left. Costs give their derivatives with respect to the six local coordinates in the
+/// first six columns of seven, so that this is all there is to it.
+class PoseManifold : public Manifold {
+ public:
+  int AmbientSize() const override { return kPoseSize; }
+  int TangentSize() const override { return 6; }
+  bool Plus(const double* x, const double* delta, double* result) const override {
+    Eigen::Map<Eigen::Quaterniond> rotation(result);
+    rotation = (RotationAbout(Eigen::Map<const Eigen::Vector3d>(delta)) * PoseMap(x)).normalized();
+    for (int i = 0; i < 3; ++i) result[4 + i] = x[4 + i] + delta[3 + i];
+    return true;
+  }
+  bool PlusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Eigen::Matrix<double, kPoseSize, 6, Eigen::RowMajor>> j(jacobian);
+    j.setZero();
+    j.topRows<6>().setIdentity();
+    return true;
+  }
+  bool Minus(const double* y, const double* x, double* result) const override {
+    Eigen::Map<Eigen::Vector3d> turned(result);
+    turned = RotationVector(PoseMap(y) * PoseMap(x).conjugate());
+    for (int i = 0; i < 3; ++i) result[3 + i] = y[4 + i] - x[4 + i];
+    return true;
+  }
+  bool MinusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Eigen::Matrix<double, 6, kPoseSize, Eigen::RowMajor>> j(jacobian);
+    j.setZero();
+    j.leftCols<6>().setIdentity();
+    return true;
+  }
+};
 
 /// Parameters: the anchor's pose, the view's, the inverse depth, the camera's errors (k1, k2, readout).
 class SightingCost : public ceres::SizedCostFunction<2, kPoseSize, kPoseSize, 1, 3> {
  public:
-  /// @param anchor, view where the poses start; outlive it
-  SightingCost(const ViewPose& anchor, const PinholeCamera& anchor_camera, const Eigen::Vector2d& anchor_pixel,
-               const PixelErrors& anchor_errors, const ViewPose& view, const PinholeCamera& camera,
-               const Eigen::Vector2d& pixel, const PixelErrors& errors, double sigma)
-      : anchor_(anchor),
-        view_(view),
-        ray_(anchor_camera.Unproject(anchor_pixel)),
+  SightingCost(const PinholeCamera& anchor_camera, const Eigen::Vector2d& anchor_pixel,
+               const PixelErrors& anchor_errors, const PinholeCamera& camera, const Eigen::Vector2d& pixel,
+               const PixelErrors& errors, double sigma)
+      : ray_(anchor_camera.Unproject(anchor_pixel)),
         camera_(camera),
         pixel_(pixel),
         errors_(errors),
@@ -50,9 +95,9 @@ class SightingCost : public ceres::SizedCostFunction<2, kPoseSize, kPoseSize, 1,
   }
 
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    const Eigen::Matrix3d anchor = RotationOf(anchor_, parameters[0]).toRotationMatrix();
-    const Eigen::Matrix3d view = RotationOf(view_, parameters[1]).toRotationMatrix();
-    const Eigen::Map<const Eigen::Vector3d> anchor_centre(parameters[0] + 3), centre(parameters[1] + 3);
+    const Eigen::Matrix3d anchor = PoseMap(parameters[0]).toRotationMatrix();
+    const Eigen::Matrix3d view = PoseMap(parameters[1]).toRotationMatrix();
+    const Eigen::Map<const Eigen::Vector3d> anchor_centre(parameters[0] + 4), centre(parameters[1] + 4);
     const double inverse_depth = parameters[2][0];
     const Eigen::Map<const Eigen::Vector3d> camera_errors(parameters[3]);
     const Eigen::Vector3d ray = ray_ - ray_errors_ * camera_errors;
@@ -60,18 +105,28 @@ class SightingCost : public ceres::SizedCostFunction<2, kPoseSize, kPoseSize, 1,
     const Eigen::Vector3d moved = view * (anchor_centre - centre);
     const Eigen::Vector3d y = turn * ray + inverse_depth * moved;
     if (!(y.z() > kMinDepthRatio)) return false;
+    const double inverse_z = 1 / y.z();
+    const Eigen::Vector2d predicted(camera_.fx * y.x() * inverse_z + camera_.cx,
+                                    camera_.fy * y.y() * inverse_z + camera_.cy);
     Eigen::Map<Eigen::Vector2d> r(residuals);
-    r = weight_ * (camera_.Project(y) + errors_ * camera_errors - pixel_);
+    r = weight_ * (predicted + errors_ * camera_errors - pixel_);
     if (!jacobians) return true;
-    const Eigen::Matrix<double, 2, 3> j = weight_ * ProjectionJacobian(camera_, y);
+    Eigen::Matrix<double, 2, 3> j;
+    j << camera_.fx * inverse_z, 0, -camera_.fx * y.x() * inverse_z * inverse_z, 0, camera_.fy * inverse_z,
+        -camera_.fy * y.y() * inverse_z * inverse_z;
+    j *= weight_;
     using PoseJacobian = Eigen::Map<Eigen::Matrix<double, 2, kPoseSize, Eigen::RowMajor>>;
     if (jacobians[0]) {
       PoseJacobian a(jacobians[0]);
-      a << j * turn * CrossMatrix(ray) * TurnsOf(parameters[0]), inverse_depth * j * view;
+      a.leftCols<3>() = j * turn * CrossMatrix(ray);
+      a.middleCols<3>(3) = inverse_depth * j * view;
+      a.col(6).setZero();
     }
     if (jacobians[1]) {
       PoseJacobian v(jacobians[1]);
-      v << -j * CrossMatrix(y) * TurnsOf(parameters[1]), -inverse_depth * j * view;
+      v.leftCols<3>() = -j * CrossMatrix(y);
+      v.middleCols<3>(3) = -inverse_depth * j * view;
+      v.col(6).setZero();
     }
     if (jacobians[2]) {
       Eigen::Map<Eigen::Vector2d> d(jacobians[2]);
@@ -88,7 +143,6 @@ class SightingCost : public ceres::SizedCostFunction<2, kPoseSize, kPoseSize, 1,
   static constexpr double kMinDepthRatio = 1e-2;
 
  private:
-  const ViewPose &anchor_, &view_;
   const Eigen::Vector3d ray_;
   Eigen::Matrix3d ray_errors_;
   const PinholeCamera camera_;
@@ -97,25 +151,76 @@ class SightingCost : public ceres::SizedCostFunction<2, kPoseSize, kPoseSize, 1,
   const double weight_;
 };
 
-/// An expected motion between two views, in the frame of the first.
-struct MotionPrior {
-  const ViewPose &start_a, &start_b;  ///< outlive it
-  const Eigen::Quaterniond turn;
-  const Eigen::Vector3d move;
-  const double turn_sigma, move_sigma;
+/// An expected pose. The rotation's derivative is that at zero: corrections are small.
+class PosePrior : public ceres::SizedCostFunction<6, kPoseSize> {
+ public:
+  PosePrior(const ViewPose& pose, double rotation_sigma, double position_sigma)
+      : pose_(pose), rotation_weight_(1 / rotation_sigma), position_weight_(1 / position_sigma) {}
 
-  template <class T>
-  bool operator()(const T* pose_a, const T* pose_b, T* residuals) const {
-    using Vector3 = Eigen::Matrix<T, 3, 1>;
-    const Eigen::Quaternion<T> a = RotationOf(start_a, pose_a), b = RotationOf(start_b, pose_b);
-    const Eigen::Quaternion<T> error = b * a.conjugate() * turn.conjugate().cast<T>();
-    const Vector3 moved = a * (Eigen::Map<const Vector3>(pose_b + 3) - Eigen::Map<const Vector3>(pose_a + 3));
-    const T twice(error.w() < T(0) ? -2 : 2);  // of the sine of half the angle: the angle, as errors are small
-    Eigen::Map<Eigen::Matrix<T, 6, 1>> r(residuals);
-    r << error.vec() * (twice / turn_sigma), (moved - move.cast<T>()) / T(move_sigma);
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    Eigen::Map<Eigen::Matrix<double, 6, 1>> r(residuals);
+    r.head<3>() = rotation_weight_ * RotationVector(PoseMap(parameters[0]) * pose_.rotation.conjugate());
+    r.tail<3>() = position_weight_ * (Eigen::Map<const Eigen::Vector3d>(parameters[0] + 4) - pose_.centre);
+    if (jacobians && jacobians[0]) {
+      Eigen::Map<Eigen::Matrix<double, 6, kPoseSize, Eigen::RowMajor>> j(jacobians[0]);
+      j.setZero();
+      for (int i = 0; i < 3; ++i) j(i, i) = rotation_weight_, j(3 + i, 3 + i) = position_weight_;
+    }
     return true;
   }
+
+ private:
+  const ViewPose pose_;
+  const double rotation_weight_, position_weight_;
 };
+
+/// An expected motion between two views, in the frame of the first. The rotation's derivative is that at zero.
+class MotionPrior : public ceres::SizedCostFunction<6, kPoseSize, kPoseSize> {
+ public:
+  MotionPrior(const ViewPose& a, const ViewPose& b, double turn_sigma, double move_sigma)
+      : turn_(b.rotation * a.rotation.conjugate()),
+        move_(a.rotation * (b.centre - a.centre)),
+        turn_weight_(1 / turn_sigma),
+        move_weight_(1 / move_sigma) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    const Eigen::Quaterniond a{PoseMap{parameters[0]}}, b{PoseMap{parameters[1]}};
+    const Eigen::Vector3d move = a * (Eigen::Map<const Eigen::Vector3d>(parameters[1] + 4) -
+                                      Eigen::Map<const Eigen::Vector3d>(parameters[0] + 4));
+    const Eigen::Quaterniond turn = b * a.conjugate();
+    Eigen::Map<Eigen::Matrix<double, 6, 1>> r(residuals);
+    r.head<3>() = turn_weight_ * RotationVector(turn * turn_.conjugate());
+    r.tail<3>() = move_weight_ * (move - move_);
+    if (!jacobians) return true;
+    using Jacobian = Eigen::Map<Eigen::Matrix<double, 6, kPoseSize, Eigen::RowMajor>>;
+    if (jacobians[0]) {
+      Jacobian j(jacobians[0]);
+      j.setZero();
+      j.block<3, 3>(0, 0) = -turn_weight_ * turn.toRotationMatrix();
+      j.block<3, 3>(3, 0) = -move_weight_ * CrossMatrix(move);
+      j.block<3, 3>(3, 3) = -move_weight_ * a.toRotationMatrix();
+    }
+    if (jacobians[1]) {
+      Jacobian j(jacobians[1]);
+      j.setZero();
+      j.block<3, 3>(0, 0) = turn_weight_ * Eigen::Matrix3d::Identity();
+      j.block<3, 3>(3, 3) = move_weight_ * a.toRotationMatrix();
+    }
+    return true;
+  }
+
+ private:
+  const Eigen::Quaterniond turn_;
+  const Eigen::Vector3d move_;
+  const double turn_weight_, move_weight_;
+};
+
+void ToParameters(const ViewPose& pose, double* p) {
+  std::copy_n(pose.rotation.coeffs().data(), 4, p);
+  std::copy_n(pose.centre.data(), 3, p + 4);
+}
+
+ViewPose FromParameters(const double* p) { return {Eigen::Quaterniond(p[3], p[0], p[1], p[2]), {p[4], p[5], p[6]}}; }
 
 /// The problem in Ceres' terms; keeps what it points to.
 class Adjustment {
@@ -129,26 +234,18 @@ class Adjustment {
         camera_errors_(&parameters_[kPoseSize * bundle->size()]),
         problem_(KeepOurs()) {
     for (size_t i = 0; i < bundle_.size(); ++i) {
-      const ViewPose &start = bundle_.poses[i], &expected = bundle_.expected[i];
-      std::copy_n(start.centre.data(), 3, PoseOf(i) + 3);
-      problem_.AddParameterBlock(PoseOf(i), kPoseSize);
+      ToParameters(bundle_.poses[i], PoseOf(i));
+      problem_.AddParameterBlock(PoseOf(i), kPoseSize, &manifold_);
       ordering_->AddElementToGroup(PoseOf(i), 1);
       if (i < fixed_views) {
         problem_.SetParameterBlockConstant(PoseOf(i));
         continue;
       }
-      Eigen::Matrix<double, kPoseSize, 1> nearest, pose_weights;  // turns are small: they add up
-      nearest << RotationVector(expected.rotation * start.rotation.conjugate()), expected.centre;
-      pose_weights << Eigen::Vector3d::Constant(1 / weights.rotation_sigma),
-          Eigen::Vector3d::Constant(1 / weights.position_sigma);
-      AddPrior<ceres::NormalPrior>({PoseOf(i)}, pose_weights.asDiagonal(), nearest);
+      AddPrior<PosePrior>({PoseOf(i)}, bundle_.expected[i], weights.rotation_sigma, weights.position_sigma);
     }
     for (size_t i = fixed_views > 0 ? fixed_views - 1 : 0; i + 1 < bundle_.size(); ++i) {
-      const ViewPose &a = bundle_.expected[i], &b = bundle_.expected[i + 1];
-      using Cost = ceres::AutoDiffCostFunction<MotionPrior, 6, kPoseSize, kPoseSize>;
-      AddPrior<Cost>({PoseOf(i), PoseOf(i + 1)},
-                     new MotionPrior{bundle_.poses[i], bundle_.poses[i + 1], b.rotation * a.rotation.conjugate(),
-                                     a.rotation * (b.centre - a.centre), weights.turn_sigma, weights.move_sigma});
+      AddPrior<MotionPrior>({PoseOf(i), PoseOf(i + 1)}, bundle_.expected[i], bundle_.expected[i + 1],
+                            weights.turn_sigma, weights.move_sigma);
     }
     const Eigen::Vector3d camera_errors = ToVector(camera_);
     std::copy_n(camera_errors.data(), 3, camera_errors_);
@@ -174,9 +271,7 @@ class Adjustment {
     ceres::Solver::Summary summary;
     ceres::Solve(options, &problem_, &summary);
     if (!summary.IsSolutionUsable()) return false;
-    for (size_t i = 0; i < bundle_.size(); ++i) {
-      bundle_.poses[i] = {RotationOf(bundle_.poses[i], PoseOf(i)), Eigen::Vector3d(PoseOf(i) + 3)};
-    }
+    for (size_t i = 0; i < bundle_.size(); ++i) bundle_.poses[i] = FromParameters(PoseOf(i));
     camera_ = {camera_errors_[0], camera_errors_[1], camera_errors_[2]};
     return true;
   }
@@ -186,6 +281,7 @@ class Adjustment {
 
   static ceres::Problem::Options KeepOurs() {
     ceres::Problem::Options options;
+    KeepManifolds(&options);
     options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;  // thousands, one by one
     options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     options.disable_all_safety_checks = true;  // of duplicate parameters, per residual
@@ -219,9 +315,9 @@ class Adjustment {
           DirectionInView(ray, landmark->inverse_depth, bundle_.poses[anchor], bundle_.poses[view]);
       if (!(y.z() > 2 * SightingCost::kMinDepthRatio)) continue;
       const PixelErrors errors = PixelErrorsAt(bundle_, motions, view, sighting.pixel, y, landmark->inverse_depth);
-      const SightingCost& cost = sighting_costs_.emplace_back(bundle_.poses[anchor], anchor_camera, landmark->pixel,
-                                                              anchor_errors, bundle_.poses[view], bundle_.cameras[view],
-                                                              sighting.pixel, errors, weights_.pixel_sigma);
+      const SightingCost& cost =
+          sighting_costs_.emplace_back(anchor_camera, landmark->pixel, anchor_errors, bundle_.cameras[view],
+                                       sighting.pixel, errors, weights_.pixel_sigma);
       double *const from = PoseOf(anchor), *const to = PoseOf(view);
       if (std::max(anchor, view) < fixed_views_) {
         const double* const parameters[] = {from, to, &landmark->inverse_depth, camera_errors_};
@@ -258,6 +354,7 @@ class Adjustment {
   CameraErrors& camera_;
   std::vector<double> parameters_;  ///< poses, then the camera's errors: Ceres orders what is in one group by address
   double* const camera_errors_;
+  PoseManifold manifold_;
   ceres::CauchyLoss loss_{1.0};
   std::deque<SightingCost> sighting_costs_;  // stay where they are while more come
   std::vector<std::unique_ptr<ceres::CostFunction>> priors_;

@@ -227,7 +227,7 @@ double TypicalDepth(const Bundle& bundle) {
   return median > 0 ? 1 / median : 1;
 }
 
-bool RefineBundle(int max_iterations, size_t fixed_views, Bundle* bundle, RefinementState* state) {
+bool RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle, RefinementState* state) {
   const double typical_depth = TypicalDepth(*bundle);
   if (state->bundles == 0 || state->bent) ForgetExpectedPoses(typical_depth, &state->weights);
   state->weights.camera_sigma = CameraSigma(*bundle, state->bundles++);
@@ -236,14 +236,16 @@ bool RefineBundle(int max_iterations, size_t fixed_views, Bundle* bundle, Refine
     state->camera = state->comparison.camera;
     state->weights.camera_sigma = CameraSigma(*bundle, kMany);
   }
-  if (!AdjustBundle(state->weights, max_iterations, fixed_views, bundle, &state->camera)) return false;
-  const double error = MedianError(*bundle);
-  state->weights.pixel_sigma = PixelSigma(error);
-  WeighExpectedPoses(*bundle, typical_depth, &state->weights);
-  // Priors that hold poses make themselves surer, also of wrong poses. Where poses are right, at most half of this is
-  // left.
-  constexpr double kHeldByPriors_rad = 0.002;
-  if (error > kHeldByPriors_rad * bundle->cameras.back().fx) ForgetExpectedPoses(typical_depth, &state->weights);
+  for (int round = 0; round < rounds; ++round) {
+    if (!AdjustBundle(state->weights, max_iterations, fixed_views, bundle, &state->camera)) return false;
+    const double error = MedianError(*bundle);
+    state->weights.pixel_sigma = PixelSigma(error);
+    WeighExpectedPoses(*bundle, typical_depth, &state->weights);
+    // Priors that hold poses make themselves surer, also of wrong poses. Where poses are right, at most half of this is
+    // left.
+    constexpr double kHeldByPriors_rad = 0.002;
+    if (error > kHeldByPriors_rad * bundle->cameras.back().fx) ForgetExpectedPoses(typical_depth, &state->weights);
+  }
   return true;
 }
 

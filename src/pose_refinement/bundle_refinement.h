@@ -53,11 +53,12 @@ struct RefinementState {
 /// is not so: two windows may be wrong that later ones outweigh.
 bool AreBentByWindows(const RefinementState& state);
 
-/// Refines bundle.poses: adjusts the bundle and estimates how far received poses are off, which weighs them the next
-/// time, so that bundle.poses are those of the middle rows of undistorted images. Returns false where the adjustment
-/// finds no solution.
+/// Refines bundle.poses: adjusts the bundle and estimates how far received poses are off, which weighs them
+/// (`rounds` times), so that bundle.poses are those of the middle rows of undistorted images. Returns false where the
+/// adjustment finds no solution.
 /// @param fixed_views so many of the first poses stay
-[[nodiscard]] bool RefineBundle(int max_iterations, size_t fixed_views, Bundle* bundle, RefinementState* state);
+[[nodiscard]] bool RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle,
+                                RefinementState* state);
 
 /// Adds a bundle to a comparison. Received poses only place the bundle.
 /// Returns the bundle with the poses of the camera with errors; none where an adjustment finds no solution.

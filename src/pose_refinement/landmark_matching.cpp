@@ -33,7 +33,9 @@ struct RelativeView {
     if (!(y.z() > 0.05)) return result;
     result.in_front = true;
     result.pixel = camera.Project(y);
-    const Eigen::Matrix<double, 2, 3> j = ProjectionJacobian(camera, y);
+    Eigen::Matrix<double, 2, 3> j;
+    j << camera.fx / y.z(), 0, -camera.fx * y.x() / (y.z() * y.z()), 0, camera.fy / y.z(),
+        -camera.fy * y.y() / (y.z() * y.z());
     result.warp.col(0) = j * rotation.col(0) / anchor_camera.fx;
     result.warp.col(1) = j * rotation.col(1) / anchor_camera.fy;
     return result;

@@ -178,7 +178,7 @@ struct PoseRefiner::Impl {
     constexpr int kIterations = 25;
     state.bent = bent;
     Bundle free = bundle;
-    if (!RefineBundle(kIterations, 0, &free, &state)) return;
+    if (!RefineBundle(1, kIterations, 0, &free, &state)) return;
     bundle = std::move(free);
     refined = ResectViews(bundle, state.camera);
     ++world;
@@ -227,7 +227,7 @@ struct PoseRefiner::Impl {
     const double depth = TypicalDepth(bundle);
     bundle.expected =
         Moved(FitSimilarity(bundle.received, bundle.poses, fixed, scale * depth, 1 / scale), bundle.received);
-    if (!RefineBundle(kIterations, fixed, &bundle, &state)) {
+    if (!RefineBundle(1, kIterations, fixed, &bundle, &state)) {
       bundle.landmarks.clear();
       bundle.poses = refined = bundle.received;
       state = {};

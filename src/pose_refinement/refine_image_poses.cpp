@@ -137,7 +137,7 @@ PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std
   RefinementState state;
   constexpr int kFirstIterations = 15;
   std::optional<Bundle> refined;
-  if (RefineBundle(kFirstIterations, 0, &set.bundle(), &state)) {
+  if (RefineBundle(1, kFirstIterations, 0, &set.bundle(), &state)) {
     set.FindAgain();
     refined = CompareModels(set.bundle(), state.weights, &state.comparison);
   }

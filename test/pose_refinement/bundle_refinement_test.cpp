@@ -103,12 +103,6 @@ class BundleRefinementTest : public ::testing::Test {
   std::minstd_rand random_{3};
 };
 
-bool RefineThrice(Bundle* bundle, RefinementState* state) {
-  bool found = true;
-  for (int i = 0; i < 3; ++i) found = RefineBundle(30, 0, bundle, state) && found;
-  return found;
-}
-
 TEST_F(BundleRefinementTest, AViewWithoutLandmarksMovesWithItsNeighbours) {
   Bundle bundle = MakeBundle({}, 0.0005, 0.002);
   constexpr int kBlank = 6;
@@ -124,7 +118,7 @@ TEST_F(BundleRefinementTest, AViewWithoutLandmarksMovesWithItsNeighbours) {
   bundle.poses = bundle.expected = bundle.received;
   for (Landmark& landmark : landmarks) Triangulate(bundle.poses, bundle.cameras, &landmark);
   RefinementState state;
-  ASSERT_TRUE(RefineThrice(&bundle, &state));
+  ASSERT_TRUE(RefineBundle(3, 30, 0, &bundle, &state));
   const auto moved = [&](size_t i) -> Eigen::Vector3d { return bundle.poses[i].centre - bundle.received[i].centre; };
   const Eigen::Vector3d around = (moved(kBlank - 1) + moved(kBlank + 1)) / 2;
   EXPECT_LT((moved(kBlank) - around).norm(), 0.01);
@@ -153,8 +147,8 @@ bool CallOnLowStack(std::function<void()> work) {
 TEST_F(BundleRefinementTest, PosesDoNotDependOnWhereMemoryLies) {
   Bundle bundle = MakeBundle({0.04, -0.05, 0.012}, 0.003, 0.008), again = bundle;
   RefinementState state, state_again;
-  ASSERT_TRUE(RefineThrice(&bundle, &state));
-  if (!CallOnLowStack([&] { EXPECT_TRUE(RefineThrice(&again, &state_again)); })) {
+  ASSERT_TRUE(RefineBundle(3, 30, 0, &bundle, &state));
+  if (!CallOnLowStack([&] { EXPECT_TRUE(RefineBundle(3, 30, 0, &again, &state_again)); })) {
     GTEST_SKIP() << "low addresses are taken";
   }
   for (size_t i = 0; i < bundle.size(); ++i) {
@@ -190,7 +184,7 @@ TEST_F(BundleRefinementTest, ResectedPosesGiveBetterDepthsThanAPlainBundleAdjust
   Bundle bundle = MakeBundle(errors, 0.003, 0.008);
   Bundle plain_bundle = bundle;
   RefinementState state;
-  ASSERT_TRUE(RefineThrice(&bundle, &state));
+  ASSERT_TRUE(RefineBundle(3, 30, 0, &bundle, &state));
   EXPECT_NEAR(state.camera.readout, errors.readout, 0.002);
   EXPECT_NEAR(state.camera.k1, errors.k1, 0.02);
   BundleWeights weights = state.weights;
