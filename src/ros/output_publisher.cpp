@@ -101,6 +101,8 @@ sensor_msgs::ImagePtr ConfidenceImageOf(const KeyframeOutput& output) {
 /// was: so that they come to lie where the pose does with which they were matched, they are moved.
 sensor_msgs::PointCloud2Ptr ToPointsAtReceivedPose(const KeyframeOutput& output, const std_msgs::Header& header) {
   const KeyframeDepth& maps = *output.maps;
+  if (!maps.refined_camera && output.frame().face.name.empty())
+    return ToCloudMessage(output.points_in_camera(), header);
   RigidTransform received_from_matched = RigidTransform::Identity();
   if (maps.refined_camera) received_from_matched = maps.frame->cam_from_world * maps.cam_from_world.inverse();
   const Eigen::Isometry3f capture_from_points =
