@@ -34,6 +34,11 @@ double ReachOf(const PointCloud& points) {
   return reach;
 }
 
+/// The same from the capture's camera, at most.
+double ReachInCapture(double reach, const KeyframePose& pose) {
+  return reach + pose.capture_from_cam.translation().norm();
+}
+
 /// Throws unless a keyframe's points are within kMaxMapVoxels of the map's origin, and near enough to the world's.
 /// @param voxel_size 0: not known, any distance is right
 void CheckDistance(const RigidTransform& world_from_capture, double reach, const Eigen::Vector3d& origin,
@@ -110,16 +115,21 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
   }
   ThinnedPoints thinned = Thinned(points_in_camera);
   std::lock_guard<std::mutex> lock(mutex_);
-  CheckDistance(pose.world_from_capture, thinned.reach, Origin(thinned.voxel_size, pose.world_from_capture),
-                thinned.voxel_size);
+  const double reach = ReachInCapture(thinned.reach, pose), voxel_size = thinned.voxel_size;
+  CheckDistance(pose.world_from_capture, reach, Origin(voxel_size, pose.world_from_capture), voxel_size);
+  if (const auto known = captures_.find(CaptureKey(key, pose)); known != captures_.end()) {  // which may lie elsewhere
+    const CorrectedPose& place = known->second.pose;
+    CheckDistance(place.world_from_capture, place.scale * reach, Origin(voxel_size), voxel_size);
+  }
   auto_voxel_size_ = thinned.voxel_size;  // not before: what is refused tells nothing about the scene
-  Keyframe& inserted = Insert({key, pose, std::move(thinned.points), std::move(image)}, thinned.reach);
+  Keyframe& inserted = Insert({key, pose, std::move(thinned.points), std::move(image)}, reach);
   ApplyPath();
   Evict();
+  ++version_;
+  if (keyframes_.count(key) == 0) return true;  // out of map_radius
   ThinImages(&inserted);
   std::vector<KeyframeKey> around = Around(key);
   if (!around.empty()) to_look_.push_back({key, pose, inserted.points_in_camera, std::move(around)});
-  ++version_;
   return true;
 }
 
@@ -185,11 +195,12 @@ bool MapStore::Replace(const KeyframeKey& key, const KeyframePose& pose, const P
     return false;
   }
   CorrectedPose& corrected = keyframe->second.capture->pose;
-  CheckDistance(corrected.world_from_capture, corrected.scale * thinned.reach,
+  const double reach = ReachInCapture(thinned.reach, keyframe->second.as_sent);
+  CheckDistance(corrected.world_from_capture, corrected.scale * reach,
                 Origin(thinned.voxel_size, corrected.world_from_capture), thinned.voxel_size);
   auto_voxel_size_ = thinned.voxel_size;
-  keyframe->second.reach = thinned.reach;
-  corrected.reach = std::max(corrected.reach, thinned.reach);
+  keyframe->second.reach = reach;
+  corrected.reach = std::max(corrected.reach, reach);
   keyframe->second.as_sent.world_from_capture = pose.refined ? pose.world_from_capture : corrected.received;
   keyframe->second.as_sent.refined = pose.refined;
   PackedCloudPtr& points = keyframe->second.points_in_camera;
@@ -328,7 +339,7 @@ void MapStore::CheckCanJoin(const MapSession& session) const {
   std::set<KeyframeKey> keys;
   for (const SessionKeyframe& keyframe : session.keyframes) {
     if (!keys.insert(keyframe.key).second) throw InvalidInputError(Concat(NameOf(keyframe.key), " comes twice"));
-    if (keyframes_.count(keyframe.key) == 0) continue;
+    if (captures_.count(CaptureKey(keyframe.key, keyframe.pose)) == 0) continue;
     throw InvalidInputError(Concat(
         NameOf(keyframe.key), " is in the map already: to go back to what was saved, empty the map first (reset)"));
   }
@@ -348,6 +359,7 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
     }
   }
   std::vector<double> reaches;
+  std::map<KeyframeKey, RigidTransform> places;  // of captures
   for (SessionKeyframe& keyframe : session.keyframes) {
     try {
       keyframe.pose.world_from_capture = world_from_session * keyframe.pose.world_from_capture;
@@ -358,8 +370,10 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
         points = VoxelFilter(points, static_cast<float>(voxel_size));
         keyframe.points_in_camera = std::make_shared<const PackedCloud>(points);
       }
-      reaches.push_back(ReachOf(points));
-      CheckDistance(keyframe.pose.world_from_capture, reaches.back(), origin, voxel_size);
+      reaches.push_back(ReachInCapture(ReachOf(points), keyframe.pose));
+      const RigidTransform& own = keyframe.pose.world_from_capture;
+      const RigidTransform& first = places.try_emplace(CaptureKey(keyframe.key, keyframe.pose), own).first->second;
+      for (const RigidTransform& place : {own, first}) CheckDistance(place, reaches.back(), origin, voxel_size);
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(NameOf(keyframe.key), ": ", error.what()));
     }

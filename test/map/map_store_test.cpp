@@ -199,6 +199,13 @@ TEST(MapStore, KeyframesFarAwayAreRefused) {
   EXPECT_THROW(store.Replace(Key(0), {}, PlaneAt(2.1e7f, 1, 1)), InvalidInputError);
   EXPECT_THROW(MapStore({10, 0}).Add(Key(0), {0, Shifted(1e13), {}}, points), InvalidInputError)
       << "of the world's origin";
+  KeyframePose second_view = {0, Shifted(-1e7), {}};
+  second_view.view = 1;
+  second_view.capture_from_cam = Shifted(5e7);
+  EXPECT_THROW(store.Add(Key(1), second_view, points), InvalidInputError) << "by its place in its capture";
+  second_view.capture_from_cam = RigidTransform::Identity();
+  second_view.world_from_capture = Shifted(1e7);  // not where its capture lies
+  EXPECT_THROW(store.Add(Key(1), second_view, PlaneAt(2.1e7f, 1, 1)), InvalidInputError);
   EXPECT_EQ(store.statistics().keyframes, 1u);
   EXPECT_EQ(store.WorldCloud().points.size(), points.size());
 }

@@ -37,7 +37,7 @@ struct CorrectedPose {
   bool named = false;                                              ///< a path had a pose of its stamp
   bool seeded = false;                                             ///< named, or took the correction of one that was
 
-  double reach = 0;  ///< of the farthest point that it had from the camera, before `scale`, unit of the poses
+  double reach = 0;  ///< of the farthest point that it had from its camera, at most, before `scale`, unit of the poses
 
   /// Where what the mapper put at `sent` (world_from_capture) lies now, and the scale of its points.
   Similarity Placed(const RigidTransform& sent) const {
