@@ -34,7 +34,7 @@ wait "$launch" || true
 launch=
 echo "-- mapped after $SECONDS s"
 
-acmp_make_bag --synthetic --width 320 --height 240 again.bag --ground-truth truth >/dev/null
+acmp_make_bag --synthetic --labels --width 320 --height 240 again.bag --ground-truth truth >/dev/null
 cmp again.bag "$ROS_HOME/acmp_room.bag"
 acmp_evaluate cloud map.ply truth/surface.ply --json map.json
 python3 -c '
